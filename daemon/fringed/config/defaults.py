@@ -1,0 +1,54 @@
+"""What a station knows without being told: built-in pipelines, and the rig that runs without a configuration.
+
+`SIMULATED` applies only when no configuration is given at all; a configuration that names no camera has
+none.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+PIPELINES: dict[str, Any] = {
+    "pipelines": {
+        "hierarchical": {
+            "summary": "3 frequencies x 4 steps, absolute phase, range image",
+            "encoder": "multi-frequency",
+            "encoder_params": {"periods": [1, 8, 64], "steps": 4},
+            "stages": [
+                {"processor": "multi-frequency", "name": "phase"},
+                {"processor": "triangulate", "name": "range"},
+            ],
+        },
+        "thesis": {
+            "summary": "6 steps on a reference plane and 6 on the object, spatial unwrapping of the difference",
+            "encoder": "phase-shift",
+            "encoder_params": {"periods": 48, "steps": 6},
+            "roles": ["reference", "object"],
+            "stages": [
+                {"processor": "phase-shift", "name": "wrapped-reference", "inputs": {"frames": "reference"}},
+                {"processor": "phase-shift", "name": "wrapped-object", "inputs": {"frames": "object"}},
+                {
+                    "processor": "unwrap-difference",
+                    "name": "phase",
+                    "inputs": {"reference": "wrapped-reference", "object": "wrapped-object"},
+                },
+                {"processor": "reference-plane", "name": "range", "inputs": {"phase": "phase"}},
+            ],
+        },
+    },
+    "presets": {
+        "skin": {"pipeline": "hierarchical", "camera": {"channel": "red"}, "summary": "red light: least noisy on skin"},
+        "plaster": {
+            "pipeline": "hierarchical",
+            "camera": {"channel": "green"},
+            "summary": "green: most precise on plaster",
+        },
+    },
+}
+
+SIMULATED: dict[str, Any] = {
+    "name": "simulated",
+    "camera": {"driver": "sim"},
+    "projector": {"driver": "sim"},
+    "calibration": "simulated",
+}

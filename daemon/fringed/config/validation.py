@@ -1,0 +1,196 @@
+"""Read and check configurations and parameters, naming *every* problem with its path.
+
+Owns the walk over a msgspec struct that collects problems instead of stopping at the first one.
+"""
+
+from __future__ import annotations
+
+import tomllib
+import types
+import typing
+from collections.abc import Mapping
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, Union
+
+import msgspec
+
+from fringed.config.schema import StationConfig
+from fringed.errors import ConfigurationError, Problem
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+
+def validate(raw: Mapping[str, Any], cls: type[T], path: str = "") -> T:
+    """Build a `cls` from plain values.
+
+    Raises
+    ------
+    ConfigurationError
+        with one Problem for each wrong value, unknown key or missing field.
+    """
+    problems: list[Problem] = []
+    _walk_struct(raw, cls, path, problems)
+    if problems:
+        where = path or cls.__name__
+        raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)} in {where}:", tuple(problems))
+    try:
+        return msgspec.convert(raw, cls, strict=True)
+    except msgspec.ValidationError as error:
+        raise ConfigurationError(
+            f"{path or cls.__name__}: {error}", (Problem(path, str(raw)[:80], str(error)),)
+        ) from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the file's tables.
+
+    Raises
+    ------
+    ConfigurationError
+        the file is missing, unreadable or not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise ConfigurationError(f"there is no file {path}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigurationError(f"{path} cannot be read: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"{path} is not TOML: {error}") from error
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return `base` with the values of `over`, tables merged key by key."""
+    result = dict(base)
+    for key, value in over.items():
+        old = result.get(key)
+        result[key] = merged(old, value) if isinstance(old, Mapping) and isinstance(value, Mapping) else value
+    return result
+
+
+def describe(cls: type[msgspec.Struct]) -> dict[str, Any]:
+    """Return the JSON Schema of a struct, with limits, help and units."""
+    return msgspec.json.schema(cls)
+
+
+def _walk_struct(raw: Any, cls: type[msgspec.Struct], path: str, problems: list[Problem]) -> None:
+    if not isinstance(raw, Mapping):
+        problems.append(Problem(path, repr(raw)[:80], "a table"))
+        return
+    hints = typing.get_type_hints(cls, include_extras=True)
+    required = {f.name for f in msgspec.structs.fields(cls) if f.required}
+    for key, value in raw.items():
+        where = f"{path}.{key}" if path else str(key)
+        if key not in hints:
+            close = get_close_matches(str(key), hints, 1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            problems.append(Problem(where, "this key", f"one of {', '.join(sorted(hints))}{hint}"))
+        else:
+            _walk(value, hints[key], where, problems)
+    for key in sorted(required - set(raw)):
+        problems.append(Problem(f"{path}.{key}" if path else key, "nothing", "a value; it has no default"))
+
+
+def _walk(value: Any, hint: Any, path: str, problems: list[Problem]) -> None:
+    bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    origin, args = typing.get_origin(bare), typing.get_args(bare)
+    if origin in (Union, types.UnionType) and value is not None:
+        others = [a for a in args if a is not types.NoneType]
+        if len(others) == 1:
+            _walk(value, others[0], path, problems)
+            return
+    if isinstance(bare, type) and issubclass(bare, msgspec.Struct):
+        _walk_struct(value, bare, path, problems)
+    elif origin is dict and isinstance(value, Mapping) and args[1] is not Any:
+        for key, item in value.items():
+            _walk(item, args[1], f"{path}.{key}", problems)
+    elif origin is list and isinstance(value, list) and value:
+        for index, item in enumerate(value):
+            _walk(item, args[0], f"{path}[{index}]", problems)
+    else:
+        try:
+            msgspec.convert(value, hint)
+        except msgspec.ValidationError as error:
+            problems.append(Problem(path, repr(value)[:80], _allowed(hint, str(error))))
+
+
+def _allowed(hint: Any, error: str) -> str:
+    metas = [a for a in typing.get_args(hint) if isinstance(a, msgspec.Meta)]
+    bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
+    if typing.get_origin(bare) is Literal:
+        return "one of " + ", ".join(repr(a) for a in typing.get_args(bare))
+    limits = [
+        f"{sign} {getattr(meta, name)}"
+        for meta in metas
+        for name, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="), ("pattern", "matching"))
+        if getattr(meta, name) is not None
+    ]
+    name = getattr(bare, "__name__", str(bare)).replace("typing.", "")
+    units = next(
+        (m.extra_json_schema["units"] for m in metas if m.extra_json_schema and "units" in m.extra_json_schema), ""
+    )
+    text = f"{name} {' and '.join(limits)} {units}".strip() if limits else f"{name} {units}".strip()
+    return text if limits else f"{text} ({error})"
+
+
+def load_station(path: Path) -> StationConfig:
+    """Read a station's configuration over the built-in pipelines and presets.
+
+    Raises
+    ------
+    ConfigurationError
+        with every problem.
+    """
+    from fringed.config.defaults import PIPELINES
+
+    return check_station(validate(merged(PIPELINES, read_toml(path)), StationConfig))
+
+
+def simulated_station(over: Mapping[str, Any] | None = None) -> StationConfig:
+    """Return the station that runs without a configuration: a simulated rig, named so."""
+    from fringed.config.defaults import PIPELINES, SIMULATED
+
+    return check_station(validate(merged(merged(PIPELINES, SIMULATED), over or {}), StationConfig))
+
+
+def check_station(config: StationConfig) -> StationConfig:
+    """Check what one value cannot tell alone: names that refer to each other.
+
+    Raises
+    ------
+    ConfigurationError
+        with every problem.
+    """
+    problems = [
+        Problem(f"presets.{name}.pipeline", repr(preset.pipeline), f"one of {', '.join(sorted(config.pipelines))}")
+        for name, preset in config.presets.items()
+        if preset.pipeline not in config.pipelines
+    ]
+    if config.default_pipeline not in config.pipelines:
+        allowed = f"one of {', '.join(sorted(config.pipelines))}"
+        problems.append(Problem("default_pipeline", repr(config.default_pipeline), allowed))
+    for name, pipeline in config.pipelines.items():
+        known = set(pipeline.roles) | {"calibration"}
+        for index, stage in enumerate(pipeline.stages):
+            for input_name, source in stage.inputs.items():
+                if source not in known:
+                    where = f"pipelines.{name}.stages[{index}].inputs.{input_name}"
+                    problems.append(Problem(where, repr(source), f"one of {', '.join(sorted(known))}"))
+            own = stage.name or stage.processor
+            if own in known:
+                problems.append(Problem(f"pipelines.{name}.stages[{index}].name", repr(own), "a name not used before"))
+            known.add(own)
+    if config.calibration == "simulated" and config.camera.driver != "sim":
+        problems.append(Problem("calibration", "'simulated'", "a calibration file, since the camera is not simulated"))
+    if (config.camera.driver == "sim") != (config.projector.driver == "sim") and config.camera.driver != "replay":
+        pair = f"camera {config.camera.driver!r} with projector {config.projector.driver!r}"
+        problems.append(Problem("projector.driver", pair, "both simulated or neither"))
+    if problems:
+        raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)}:", tuple(problems))
+    return config
+
+
+def effective(config: StationConfig) -> dict[str, Any]:
+    """Return the configuration as plain values, every default written out."""
+    return dict(msgspec.to_builtins(config))
