@@ -1,0 +1,51 @@
+# `make demo` and `make test` set everything up on a fresh machine; nothing else is needed before them.
+
+PYTHON ?= python3
+VENV ?= .venv
+OUTPUT ?= demo-output
+BIN := $(VENV)/bin
+
+.PHONY: install demo test check unit bench packages dev clean
+
+install: $(VENV)/.installed  ## the station in its own environment
+
+demo: install  ## scan a face and a mould on a simulated rig, end with models, pictures and a report
+	$(BIN)/fringe demo --output $(OUTPUT)
+
+test: packages dev check demo unit  ## everything that CI runs
+
+check: dev  ## style, types, import contracts
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+unit: dev  ## the tests alone
+	$(BIN)/python -m pytest
+
+bench: $(VENV)/.bench  ## every figure, printed beside what it has to reach
+	$(BIN)/python tests/bench/run.py
+
+packages:  ## the system packages that tests use
+	@sh tools/debian-packages.sh
+
+dev: $(VENV)/.dev
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+$(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.dev: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --group dev
+	touch $@
+
+$(VENV)/.bench: $(VENV)/.dev
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) $(OUTPUT) build dist
