@@ -1,6 +1,6 @@
 """Every snippet of the documentation runs.
 
-`python` blocks run as they are; of `console` blocks every line that begins with `$ ` runs in one shell
+`toml` blocks are valid station configurations; `python` blocks run as they are; of `console` blocks every line that begins with `$ ` runs in one shell
 per page. A block whose fence says `norun` needs a machine or a device that a test does not have. Both run
 in an empty folder, with a small simulated station at work.
 """
@@ -11,9 +11,13 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+
+from fringed.config import StationConfig, check_station, merged, validate
+from fringed.config.defaults import PIPELINES
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "ARCHITECTURE.md", *(ROOT / "docs").rglob("*.md")])
@@ -48,6 +52,13 @@ def test_snippets_of_the_page_run(page: Path, station_runtime: Path, tmp_path: P
         command = [sys.executable, "-W", "error", "-c", code] if language == "python" else ["bash", "-euc", code]
         done = subprocess.run(command, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=200, check=False)
         assert done.returncode == 0, f"{language} snippet failed:\n{code}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_station_configurations_of_the_page_are_valid(page: Path) -> None:
+    for match in FENCE.finditer(page.read_text(encoding="utf-8")):
+        if match["info"].strip() == "toml":
+            check_station(validate(merged(PIPELINES, tomllib.loads(match["body"])), StationConfig))
 
 
 def test_every_page_is_linked_from_the_readme_or_the_index() -> None:

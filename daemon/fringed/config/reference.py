@@ -70,7 +70,7 @@ def _described(hint: Any) -> tuple[str, str]:
         for name, sign in (("gt", ">"), ("ge", "≥"), ("lt", "<"), ("le", "≤"))
         if getattr(meta, name) is not None
     ]
-    units = [str(m.extra_json_schema["units"]) for m in metas if "units" in (m.extra_json_schema or {})]
+    units = [str(m.extra_json_schema["units"]) for m in metas if m.extra_json_schema and "units" in m.extra_json_schema]
     meaning = "; ".join(m.description for m in metas if m.description)
     return " ".join([_type_name(args[0]), ", ".join(limits), *units]).replace("  ", " ").strip(), meaning
 
