@@ -1,8 +1,8 @@
 """Every snippet of the documentation runs.
 
-`toml` blocks are valid station configurations; `python` blocks run as they are; of `console` blocks every line that begins with `$ ` runs in one shell
-per page. A block whose fence says `norun` needs a machine or a device that a test does not have. Both run
-in an empty folder, with a small simulated station at work.
+`toml` blocks are valid station configurations; `python` blocks run as they are; of `console` blocks every
+line that begins with `$ ` runs in one shell per page. A block whose fence says `norun` needs a machine or a
+device that a test does not have. All run in an empty folder, with a small simulated station at work.
 """
 
 from __future__ import annotations
