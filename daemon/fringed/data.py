@@ -17,12 +17,11 @@ import os
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from enum import IntFlag
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-import msgspec
 import numpy as np
 import numpy.typing as npt
 import xxhash
@@ -76,14 +75,48 @@ def read_only(array: Array, dtype: npt.DTypeLike | None = None) -> Array:
     return view
 
 
+_ARRAY_TYPES: dict[type[Any], dict[str, np.dtype[Any] | None]] = {}
+
+
+def _array_types(cls: type[Any]) -> dict[str, np.dtype[Any] | None]:
+    """Map each field of `cls` that holds arrays to their dtype, None where any will do."""
+    if cls in _ARRAY_TYPES:
+        return _ARRAY_TYPES[cls]
+    found: dict[str, np.dtype[Any] | None] = {}
+    for name, hint in get_type_hints(cls).items():
+        for part in (hint, *get_args(hint)):
+            if get_origin(part) is np.ndarray:
+                (scalar,) = get_args(get_args(part)[1]) or (Any,)
+                found[name] = None if scalar is Any else np.dtype(scalar)
+    _ARRAY_TYPES[cls] = found
+    return found
+
+
+def _conform(name: str, value: Any, dtype: np.dtype[Any] | None) -> Any:
+    """Return an array (or tuple of them) read-only, C-ordered and of `dtype`, where no value is lost by it."""
+    if isinstance(value, tuple):
+        return tuple(_conform(name, item, dtype) for item in value)
+    if not isinstance(value, np.ndarray):
+        return value
+    if dtype is None or value.dtype == dtype:
+        return read_only(value) if value.flags.writeable or not value.flags.c_contiguous else value
+    kinds = "buif" if dtype.kind == "f" else "bui"
+    cast = read_only(value, dtype) if value.dtype.kind in kinds else None
+    if cast is None or (dtype.kind != "f" and not np.array_equal(cast, value)):
+        raise DataError(f"{name} is of type {value.dtype}; expected {dtype}, and these values do not fit into it")
+    return cast
+
+
 class _Frozen:
-    """Make every array of a dataclass read-only when it is built."""
+    """Make every array of a dataclass read-only and of its declared dtype when it is built."""
 
     def __post_init__(self) -> None:
-        for item in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, item.name)
-            if isinstance(value, np.ndarray) and (value.flags.writeable or not value.flags.c_contiguous):
-                object.__setattr__(self, item.name, read_only(value))
+        cls: type[Any] = type(self)
+        for name, dtype in _array_types(cls).items():
+            value = getattr(self, name)
+            kept = _conform(f"{cls.__name__}.{name}", value, dtype)
+            if kept is not value:
+                object.__setattr__(self, name, kept)
         self._check()
 
     def _check(self) -> None:
@@ -240,6 +273,8 @@ class FrameSet(_Frozen):
             )
         if len(frames) != len(self.sequence.frames):
             raise DataError(f"{len(frames)} frames for a sequence of {len(self.sequence.frames)} patterns")
+        if self.stamps and len(self.stamps) != len(frames):
+            raise DataError(f"{len(self.stamps)} stamps for {len(frames)} frames; expected none or one for each")
 
 
 @dataclass(frozen=True)
@@ -385,6 +420,10 @@ class Registration(_Frozen):
     id: str = ""
     provenance: Provenance = field(default_factory=Provenance)
 
+    def _check(self) -> None:
+        if self.T_reference_model.shape != (4, 4):
+            raise DataError(f"T_reference_model has shape {self.T_reference_model.shape}; expected (4, 4)")
+
 
 @dataclass(frozen=True)
 class Model(_Frozen):
@@ -433,6 +472,13 @@ class Truth(_Frozen):
     id: str = ""
     provenance: Provenance = field(default_factory=Provenance)
 
+    def _check(self) -> None:
+        if self.xyz_mm.ndim != 3 or self.xyz_mm.shape[2] != 3:
+            raise DataError(f"xyz_mm has shape {self.xyz_mm.shape}; expected (height, width, 3)")
+        size = self.xyz_mm.shape[:2]
+        _same_shape("truth", size, self.visible, self.lit, self.is_object)
+        _same_shape("truth's projector_px", (*size, 2), self.projector_px)
+
 
 @dataclass(frozen=True)
 class Mesh(_Frozen):
@@ -443,6 +489,12 @@ class Mesh(_Frozen):
     albedo: Float32Array | None = None
     id: str = ""
     provenance: Provenance = field(default_factory=Provenance)
+
+    def _check(self) -> None:
+        for name, array in (("vertices_mm", self.vertices_mm), ("faces", self.faces)):
+            if array.ndim != 2 or array.shape[1] != 3:
+                raise DataError(f"{name} has shape {array.shape}; expected (n, 3)")
+        _same_shape("mesh", self.vertices_mm.shape[:1], self.albedo)
 
 
 @dataclass(frozen=True)
@@ -460,66 +512,3 @@ Product = PhaseMap | Calibration | RangeImage | Registration | Model | Truth | M
 RECORDED: tuple[type, ...] = (
     FrameSet, PatternSequence, PhaseMap, Calibration, RangeImage, Registration, Model, Truth, Mesh, Artifact,
 )  # fmt: skip
-
-
-def split(value: Any, path: str, arrays: dict[str, Array], tag: bool = False) -> Any:
-    """Return `value` as plain JSON types, its arrays moved to `arrays` under their paths.
-
-    An array leaves `{"$array": path}` in its place, a dataclass where any type may stand `{"$kind":
-    name, ...}` when `tag` is set.
-    """
-    if isinstance(value, np.ndarray):
-        arrays[path] = value
-        return {"$array": path}
-    if isinstance(value, np.generic):
-        return value.item()
-    if hasattr(type(value), "__dataclass_fields__"):
-        tree: dict[str, Any] = {"$kind": type(value).__name__} if tag else {}
-        for item in fields(value):
-            child = f"{path}/{item.name}" if path else item.name
-            tree[item.name] = split(getattr(value, item.name), child, arrays, tag=item.type == "Any")
-        return tree
-    if isinstance(value, Mapping):
-        return {str(k): split(v, f"{path}/{k}" if path else str(k), arrays, tag=True) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [split(v, f"{path}/{i}" if path else str(i), arrays, tag=tag) for i, v in enumerate(value)]
-    return value
-
-
-def join(tree: Any, cls: type[Any], arrays: Mapping[str, Array], kinds: Mapping[str, type[Any]]) -> Any:
-    """Undo `split`: build a `cls` from plain JSON types and arrays.
-
-    Raises
-    ------
-    DataError
-        a field is missing or of another type, or an array is not there.
-    """
-
-    def hook(kind: type[Any], value: Any) -> Any:
-        if isinstance(value, np.ndarray):
-            return value
-        raise ValueError(f"expected an array, got {str(value)[:80]}")
-
-    def revive(node: Any) -> Any:
-        if isinstance(node, dict):
-            if "$array" in node and len(node) == 1:
-                return arrays.get(node["$array"], node)
-            plain = {key: revive(item) for key, item in node.items() if key != "$kind"}
-            name = node.get("$kind")
-            if name is None:
-                return plain
-            if name not in kinds:
-                raise DataError(f"a message holds a {str(name)[:40]!r}; this version knows {', '.join(sorted(kinds))}")
-            return msgspec.convert(plain, kinds[name], dec_hook=hook)
-        if isinstance(node, list):
-            return [revive(item) for item in node]
-        return node
-
-    try:
-        if isinstance(tree, dict):
-            tree = {key: item for key, item in tree.items() if key != "$kind"}
-        return msgspec.convert(revive(tree), cls, dec_hook=hook)
-    except (msgspec.ValidationError, ValueError, TypeError, RecursionError) as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(f"not a valid {cls.__name__}: {error}") from error

@@ -17,9 +17,10 @@ import msgspec
 import numpy as np
 import xxhash
 
-from fringed.data import RECORDED, Array, PatternFrame, join, split
+from fringed.data import RECORDED, Array, PatternFrame
 from fringed.errors import DataError, VersionMismatch, WireError
 from fringed.messages import MESSAGES
+from fringed.tree import join, split
 
 VERSION = 1
 MAX_HEADER_BYTES = 32 * 1024 * 1024
@@ -46,6 +47,10 @@ class _BufferHeader(msgspec.Struct):
     dtype: str
     shape: list[int]
     xxh3: str
+
+
+class _Version(msgspec.Struct):
+    v: int
 
 
 class _Header(msgspec.Struct):
@@ -106,13 +111,18 @@ def prepare(content: Any) -> Encoded:
     Raises
     ------
     WireError
-        a type or dtype that the wire does not carry.
+        a type, dtype, value or number of arrays that the wire does not carry.
     """
     kind = type(content).__name__
     if KINDS.get(kind) is not type(content):
         raise WireError(f"{kind} does not travel; the wire carries {', '.join(sorted(KINDS))}")
     arrays: dict[str, Array] = {}
-    body = split(content, "", arrays)
+    try:
+        body = split(content, "", arrays)
+    except DataError as error:
+        raise WireError(f"{kind}: {error}") from error
+    if len(arrays) > MAX_BUFFERS:
+        raise WireError(f"{kind} holds {len(arrays)} arrays; a message carries at most {MAX_BUFFERS}")
     headers, buffers = [], []
     for path, array in arrays.items():
         array = np.ascontiguousarray(array)
@@ -167,13 +177,24 @@ def peek(frames: Sequence[Buffer]) -> tuple[str, _Header]:
     try:
         topic = bytes(frames[0]).decode()
         header = msgspec.json.decode(bytes(frames[1]), type=_Header)
-    except (msgspec.DecodeError, UnicodeDecodeError, ValueError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
+        _check_version(bytes(frames[1]))
         raise WireError(f"not a message of this protocol: {error}") from error
     if header.v != VERSION:
-        raise VersionMismatch(
-            f"a message of protocol version {header.v}; this side speaks {VERSION}: install the same release on both"
-        )
+        _check_version(bytes(frames[1]))
     return topic, header
+
+
+def _check_version(header: bytes) -> None:
+    """Raise VersionMismatch where a header, whatever else it holds, names another version."""
+    try:
+        version = msgspec.json.decode(header, type=_Version).v
+    except (ValueError, RecursionError) as error:
+        raise WireError(f"a message without a protocol version: {error}") from error
+    if version != VERSION:
+        raise VersionMismatch(
+            f"a message of protocol version {version}; this side speaks {VERSION}: install the same release on both"
+        )
 
 
 def _array(described: _BufferHeader, raw: Buffer, verify: bool) -> Array:
@@ -187,7 +208,11 @@ def _array(described: _BufferHeader, raw: Buffer, verify: bool) -> Array:
             f"buffer {described.path[:80]!r} has {view.nbytes} bytes; {described.dtype} of {described.shape} has "
             f"{prod(described.shape) * dtype.itemsize}"
         )
-    array: Array = np.frombuffer(view, dtype=dtype).reshape(described.shape)
+    try:
+        flat = np.frombuffer(view, dtype) if view.nbytes else np.zeros(0, dtype)
+        array: Array = flat.reshape(described.shape)
+    except (ValueError, OverflowError, MemoryError) as error:
+        raise WireError(f"buffer {described.path[:80]!r} of shape {described.shape[:8]}: {error}") from error
     array.flags.writeable = False
     if verify and checksum(array) != described.xxh3:
         raise WireError(f"buffer {described.path[:80]!r} does not match its checksum; it was damaged on its way")
