@@ -70,7 +70,7 @@ def new_id() -> str:
 
 def read_only(array: Array, dtype: npt.DTypeLike | None = None) -> Array:
     """Return a C-ordered read-only view of `array` (a copy only where dtype or order demand it)."""
-    view = np.ascontiguousarray(array, dtype=dtype).view()
+    view = np.asarray(array, dtype=dtype, order="C").view()
     view.flags.writeable = False
     return view
 

@@ -19,6 +19,7 @@ from fringed.errors import DataError
 Array = np.ndarray[Any, np.dtype[Any]]
 
 MAX_DEPTH = 64
+_ESCAPED = {"": "~", ".": "~."}
 _NOT_FINITE = {"nan": float("nan"), "inf": float("inf"), "-inf": float("-inf")}
 
 
@@ -27,7 +28,8 @@ def split(value: Any, path: str, arrays: dict[str, Array], tag: bool = False) ->
 
     An array leaves `{"$array": path}` in its place, a number that JSON lacks `{"$float": "nan"}` (or
     "inf", "-inf"), a dataclass where any type may stand `{"$kind": name, ...}` when `tag` is set. In
-    keys of mappings a leading `$` is doubled; in paths `~` and `/` of a key are `~0` and `~1`.
+    keys of mappings a leading `$` is doubled; in paths `~`, `/` and NUL of a key are `~0`, `~1` and
+    `~2`, an empty key is `~`, and `.` is `~.`, so that every path is one in a file too.
 
     Raises
     ------
@@ -40,6 +42,8 @@ def split(value: Any, path: str, arrays: dict[str, Array], tag: bool = False) ->
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):
+        if isinstance(value, str) and not _is_unicode(value):
+            raise DataError(f"{path} is {ascii(value)[:80]}, which is not valid Unicode")
         if type(value) is int and not -(2**63) <= value < 2**64:
             raise DataError(f"{path} is {str(value)[:40]}; a message carries integers of 64 bits")
         return value
@@ -54,16 +58,29 @@ def split(value: Any, path: str, arrays: dict[str, Array], tag: bool = False) ->
         return tree
     if isinstance(value, Mapping):
         return {
-            f"${key}" if str(key).startswith("$") else str(key): split(item, _below(path, str(key)), arrays, tag=True)
-            for key, item in value.items()
+            _key(str(key), path): split(item, _below(path, str(key)), arrays, tag=True) for key, item in value.items()
         }
     if isinstance(value, (list, tuple)):
         return [split(item, _below(path, str(i)), arrays, tag) for i, item in enumerate(value)]
     raise DataError(f"{path or 'it'} is a {type(value).__name__}, which does not travel: {str(value)[:80]}")
 
 
+def _key(key: str, path: str) -> str:
+    if not _is_unicode(key):
+        raise DataError(f"{path} has the key {ascii(key)[:80]}, which is not valid Unicode")
+    return f"${key}" if key.startswith("$") else key
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _below(path: str, key: str) -> str:
-    escaped = key.replace("~", "~0").replace("/", "~1")
+    escaped = _ESCAPED.get(key) or key.replace("~", "~0").replace("/", "~1").replace("\0", "~2")
     return f"{path}/{escaped}" if path else escaped
 
 

@@ -125,7 +125,7 @@ def prepare(content: Any) -> Encoded:
         raise WireError(f"{kind} holds {len(arrays)} arrays; a message carries at most {MAX_BUFFERS}")
     headers, buffers = [], []
     for path, array in arrays.items():
-        array = np.ascontiguousarray(array)
+        array = np.asarray(array, order="C")
         array = array.astype(array.dtype.newbyteorder("<"), copy=False)
         if array.dtype.str not in DTYPES:
             raise WireError(f"{kind}.{path} is of type {array.dtype}; the wire carries {', '.join(sorted(DTYPES))}")
