@@ -10,10 +10,11 @@ import importlib.metadata
 import importlib.util
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pluggy
@@ -61,23 +62,41 @@ class Catalogue:
         return found[name]
 
 
-def load_plugins(folders: Iterable[Path] = (), group: str = hookspecs.ENTRY_POINT_GROUP) -> Catalogue:
-    """Load every entry point of `group` and every `*.py` of `folders`; never raises for a broken one."""
+def load_plugins(
+    folders: Iterable[Path] = (),
+    group: str = hookspecs.ENTRY_POINT_GROUP,
+    skip: Mapping[str, str] = MappingProxyType({}),
+    before: Callable[[str], None] = lambda _: None,
+) -> Catalogue:
+    """Load every entry point of `group` and every `*.py` of `folders`; never raises for a broken one.
+
+    `skip` maps names of plug-ins that are not to be loaded to the reason, which is listed as their error;
+    `before` is called with each name before it is loaded.
+    """
     manager = pluggy.PluginManager(hookspecs.PROJECT)
     manager.add_hookspecs(hookspecs)
     catalogue = Catalogue(provided={kind: {} for kind in _KIND_OF_HOOK.values()})
     for entry in sorted(importlib.metadata.entry_points(group=group), key=lambda e: e.name):
         dist = entry.dist
         name, version = (dist.name, dist.version) if dist else ("", "")
-        _load_one(manager, catalogue, entry.name, entry.load, (name, version))
+        load = partial(_guarded, entry.name, entry.load, skip, before)
+        _load_one(manager, catalogue, entry.name, load, (name, version))
     for folder in folders:
         if not folder.is_dir():
             catalogue.plugins.append(
                 PluginInfo(str(folder), "", "", 0, error=f"the plug-in folder {folder} does not exist")
             )
         for path in sorted(folder.glob("*.py")):
-            _load_one(manager, catalogue, path.stem, partial(_import_file, path), (str(path), ""))
+            load = partial(_guarded, path.stem, partial(_import_file, path), skip, before)
+            _load_one(manager, catalogue, path.stem, load, (str(path), ""))
     return catalogue
+
+
+def _guarded(name: str, load: Callable[[], Any], skip: Mapping[str, str], before: Callable[[str], None]) -> Any:
+    if name in skip:
+        raise PluginError(f"not loaded: {skip[name]}")
+    before(name)
+    return load()
 
 
 def _load_one(

@@ -79,6 +79,7 @@ class WorkerState:
     job: str = ""
     restarts: int = 0
     memory_mb: float = 0.0
+    detail: str = ""
 
 
 @dataclass(frozen=True)
@@ -233,12 +234,13 @@ class WorkerAlive:
 
 @dataclass(frozen=True)
 class JobProgress:
-    """How far a job is, 0 to 1."""
+    """How far a job is, 0 to 1, and in which stage; or a line for the log, at its level."""
 
     job: str
     fraction: float
     text: str = ""
     level: Literal["debug", "info", "warning", "error"] = "info"
+    stage: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,349 @@
+"""Which worker gets which job, and what becomes of a job whose worker fails: a pure state machine.
+
+Owns the queue, the credits, retries and quarantine. Time is passed in, messages to send pile up in the outbox,
+workers to end in the list of the condemned: no sockets, no threads, no clock, no processes.
+
+A job is tried at least once and answered exactly once. A failure that its worker took part in (crash, hang,
+memory, an exception that may pass) is tried again, if possible elsewhere, until (subject, pipeline) has failed
+`attempts` times in a row; then it is quarantined with its reason. What a plug-in refuses on purpose (`retry`
+unset) fails at once and leaves no mark.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+from typing import Any
+
+from fringed.data import RECORDED
+from fringed.errors import Quarantined, UsageError
+from fringed.messages import (
+    ErrorInfo,
+    Job,
+    JobCancel,
+    JobDone,
+    JobFailed,
+    JobProgress,
+    PluginInfo,
+    StageDone,
+    WorkerAlive,
+    WorkerReady,
+    WorkerStop,
+)
+from fringed.workers.jobs import Entry, Limits, Peer, Quarantine, Watcher, subject_of
+
+JobMessage = JobProgress | StageDone | JobDone | JobFailed
+
+
+class Dispatcher:
+    """Decide; `received`, `lost`, `submit`, `cancel` and `tick` are its events."""
+
+    def __init__(self, limits: Limits | None = None) -> None:
+        self.limits = limits or Limits()
+        self.quarantine = Quarantine(self.limits.attempts)
+        self.counters: Counter[str] = Counter()
+        self.peers: dict[str, Peer] = {}
+        self._entries: dict[str, Entry] = {}
+        self._queue: deque[str] = deque()
+        self._outbox: list[tuple[str, Any]] = []
+        self._condemned: list[tuple[str, str]] = []
+
+    # What others ask.
+
+    def submit(self, job: Job, watcher: Watcher, now: float, timeout_s: float | None = None) -> None:
+        """Queue a job.
+
+        Raises
+        ------
+        Quarantined
+            it failed too often before; the message tells the reason and how to allow it again.
+        UsageError
+            it has no stage, two of one name, or its id is taken.
+        """
+        names = [stage.name for stage in job.stages]
+        if not names or len(set(names)) != len(names) or job.id in self._entries:
+            raise UsageError(f"job {job.id!r} has the stages {names}; it needs one or more, each of its own name")
+        subject = subject_of(job)
+        refused = self._refusal(subject, job.pipeline)
+        if refused is not None:
+            raise Quarantined(refused.message)
+        timeout_s = self.limits.job_timeout_s if timeout_s is None else timeout_s
+        self._entries[job.id] = Entry(job, watcher, subject, timeout_s)
+        self._queue.append(job.id)
+        self._assign(now)
+
+    def cancel(self, job: str, now: float) -> bool:
+        """Stop a job; return whether it was still on its way. Its `on_failed` tells Cancelled."""
+        entry = self._entries.get(job)
+        if entry is None:
+            return False
+        if not entry.worker:
+            self._finish(entry, ErrorInfo("Cancelled", "cancelled before it began"), False)
+        elif self._running(entry):
+            self._ask_to_stop(entry, "cancelled", now)
+        else:  # waits behind another one: its worker skips it
+            entry.stop = "cancelled"
+            self._outbox.append((entry.worker, JobCancel(job)))
+        return True
+
+    def shutdown(self, reason: str) -> None:
+        """Fail everything that is on its way and send all workers home."""
+        for entry in list(self._entries.values()):
+            self._finish(entry, ErrorInfo("Cancelled", reason), False)
+        self._outbox = [(name, WorkerStop(reason)) for name in self.peers]
+
+    def take_outbox(self) -> list[tuple[str, Any]]:
+        """Return (worker, message) pairs to send, in order, and forget them."""
+        outbox, self._outbox = self._outbox, []
+        return outbox
+
+    def take_condemned(self) -> list[tuple[str, str]]:
+        """Return (worker, reason) pairs of processes to end, and forget them."""
+        condemned, self._condemned = self._condemned, []
+        return condemned
+
+    @property
+    def waiting(self) -> int:
+        """How many jobs wait for a worker."""
+        return len(self._queue)
+
+    @property
+    def active(self) -> tuple[str, ...]:
+        """The ids of all jobs on their way."""
+        return tuple(self._entries)
+
+    def plugins(self) -> tuple[PluginInfo, ...]:
+        """Return what the workers loaded, each plug-in once, sorted; a broken one only where none works."""
+        found: dict[tuple[str, str], PluginInfo] = {}
+        for info in (info for peer in self.peers.values() for info in peer.plugins):
+            key = (info.name, info.distribution)
+            if key not in found or found[key].error:
+                found[key] = info
+        return tuple(found[key] for key in sorted(found))
+
+    def schemas(self) -> dict[str, dict[str, Any]]:
+        """Return the JSON Schemas of all parameters, by kind and name."""
+        merged: dict[str, dict[str, Any]] = {}
+        for peer in self.peers.values():
+            for kind, schemas in peer.schemas.items():
+                merged.setdefault(kind, {}).update(schemas)
+        return merged
+
+    # What happens.
+
+    def received(self, worker: str, message: Any, now: float) -> None:
+        """Take one message of a worker; anything that does not belong here is counted and answered."""
+        peer = self.peers.get(worker)
+        if peer is not None:
+            peer.heard_s = now
+        if isinstance(message, WorkerReady):
+            self._ready(worker, message, now)
+        elif isinstance(message, (WorkerAlive, JobProgress, StageDone, JobDone, JobFailed)):
+            if peer is None:
+                self.counters["stray"] += 1
+                self._outbox.append((worker, WorkerStop("this station does not know that worker (any more)")))
+            elif isinstance(message, WorkerAlive):
+                self._outbox.append((worker, message))  # tells the worker that somebody is there
+            else:
+                self._job_message(peer, message, now)
+        else:
+            kind = type(message).__name__
+            allowed = "WorkerReady, WorkerAlive, JobProgress, StageDone, JobDone, JobFailed"
+            self.malformed(worker, f"a {kind} came to the work socket; it takes {allowed}", kind != "ErrorInfo")
+
+    def malformed(self, worker: str, problem: str, answer: bool = True) -> None:
+        """Count a message that cannot be meant, and answer it."""
+        self.counters["malformed"] += 1
+        if answer:
+            self._outbox.append((worker, ErrorInfo("WireError", problem)))
+
+    def lost(self, worker: str, reason: str, now: float) -> None:
+        """Give a gone worker's work to others; only the job that it was working on counts a failure."""
+        peer = self.peers.pop(worker, None)
+        if peer is None:
+            return
+        self.counters["workers_lost"] += 1
+        entries = [self._entries[job] for job in peer.jobs]
+        for entry in reversed(entries[1:]):
+            if entry.stop:
+                self._finish(entry, ErrorInfo("Cancelled", "cancelled before it began"), False)
+            else:
+                entry.unassign()
+                self._queue.appendleft(entry.job.id)
+        for entry in entries[:1]:
+            if entry.stop == "cancelled":
+                self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
+            else:
+                self._attempt_failed(entry, ErrorInfo("WorkerLost", f"its worker {reason}"))
+        self._assign(now)
+
+    def tick(self, now: float) -> None:
+        """Notice silence and overtime."""
+        for peer in list(self.peers.values()):
+            if now - peer.heard_s > self.limits.silence_s:
+                self._condemn(peer, f"was silent for {now - peer.heard_s:.1f} s", now)
+                continue
+            for job in peer.jobs[:1]:
+                self._watch_time(peer, self._entries[job], now)
+        self._assign(now)
+
+    # Inside.
+
+    def _ready(self, worker: str, ready: WorkerReady, now: float) -> None:
+        if ready.credits < 1:  # "nothing more for me": it answers what it has and goes
+            if worker in self.peers:
+                self.peers[worker].capacity = 0
+            return
+        if worker in self.peers:  # the same name again: a new process, or it forgot
+            self.lost(worker, "started anew", now)
+        self.peers[worker] = Peer.of(ready, worker, now)
+        self._assign(now)
+
+    def _job_message(self, peer: Peer, message: JobMessage, now: float) -> None:
+        if message.job not in peer.jobs:
+            self.counters["stray"] += 1
+            return
+        entry = self._entries[message.job]
+        if isinstance(message, JobProgress):
+            entry.stage = message.stage or entry.stage
+            entry.watcher.on_progress(message)
+        elif isinstance(message, StageDone):
+            self._stage_done(entry, message)
+        else:
+            self._release(peer, entry, now)
+            if isinstance(message, JobDone):
+                peer.done += 1
+                self._job_done(entry, message)
+            else:
+                self._job_failed(entry, message)
+            self._assign(now)
+
+    def _stage_done(self, entry: Entry, done: StageDone) -> None:
+        kept = {stage.name: stage.keep for stage in entry.job.stages}
+        if done.stage not in kept or kept[done.stage] != isinstance(done.product, RECORDED):
+            self.counters["stray"] += 1  # the stage stays unanswered, which fails the attempt when the job ends
+            return
+        entry.answered.add(done.stage)
+        if done.stage not in entry.delivered:  # an earlier attempt may have delivered it before it failed
+            entry.delivered.add(done.stage)
+            entry.watcher.on_stage(done)
+
+    def _job_done(self, entry: Entry, done: JobDone) -> None:
+        missing = entry.missing()
+        if missing:
+            self._attempt_failed(entry, ErrorInfo("DataError", f"no answer came from the stages {', '.join(missing)}"))
+            return
+        self.quarantine.succeeded(entry.subject, entry.job.pipeline)
+        self.counters["jobs_done"] += 1
+        self._forget(entry)
+        entry.watcher.on_done(done)
+
+    def _job_failed(self, entry: Entry, failed: JobFailed) -> None:
+        error = failed.error
+        if entry.stop == "overtime":
+            text = f"stage {failed.stage!r} took longer than the {entry.timeout_s:g} s of workers.job_timeout_s"
+            self._attempt_failed(entry, ErrorInfo("WorkerLost", text, error.detail))
+        elif entry.stop == "cancelled":
+            self._finish(entry, ErrorInfo("Cancelled", f"cancelled in stage {failed.stage!r}"), False)
+        elif failed.retry:
+            self._attempt_failed(entry, error)
+        else:
+            self._finish(entry, error, False)
+
+    def _attempt_failed(self, entry: Entry, error: ErrorInfo) -> None:
+        self.counters["attempts_failed"] += 1
+        given_up = self.quarantine.failed(entry.subject, entry.job.pipeline, error.message)
+        if given_up is None:
+            self.counters["jobs_retried"] += 1
+            entry.again()
+            self._queue.appendleft(entry.job.id)
+            return
+        self.counters["quarantined"] += 1
+        refused = self._refusal(entry.subject, entry.job.pipeline)
+        assert refused is not None
+        detail = (f"{error.code}: {error.message}", *error.detail)
+        self._finish(entry, ErrorInfo(refused.code, refused.message, detail), True)
+
+    def _refusal(self, subject: str, pipeline: str) -> ErrorInfo | None:
+        entry = self.quarantine.find(subject, pipeline)
+        if entry is None:
+            return None
+        where = f"pipeline {pipeline!r}" if pipeline else "these stages"
+        return ErrorInfo(
+            "Quarantined",
+            f"{subject} with {where} is quarantined after {entry.attempts} failures: {entry.reason}; "
+            f"when the cause is gone, allow it again with quarantine.clear",
+        )
+
+    def _watch_time(self, peer: Peer, entry: Entry, now: float) -> None:
+        if entry.started_s is None:
+            entry.started_s = now
+        if entry.kill_at_s is None and now - entry.started_s > entry.timeout_s:
+            self._ask_to_stop(entry, "overtime", now)
+        elif entry.kill_at_s is not None and now >= entry.kill_at_s:
+            where = f" in stage {entry.stage}" if entry.stage else ""
+            if entry.stop == "overtime":
+                reason = f"took longer than {entry.timeout_s:g} s{where} and did not stop when asked; killed"
+            else:
+                reason = f"did not stop when asked{where}; killed"
+            self._condemn(peer, reason, now)
+
+    def _ask_to_stop(self, entry: Entry, why: str, now: float) -> None:
+        entry.stop = entry.stop or why
+        if entry.kill_at_s is None:
+            entry.kill_at_s = now + self.limits.cancel_grace_s
+            self._outbox.append((entry.worker, JobCancel(entry.job.id)))
+
+    def _condemn(self, peer: Peer, reason: str, now: float) -> None:
+        self._condemned.append((peer.name, reason))
+        self._outbox.append((peer.name, WorkerStop(reason)))
+        self.lost(peer.name, reason, now)
+
+    def _running(self, entry: Entry) -> bool:
+        peer = self.peers.get(entry.worker)
+        return peer is not None and peer.jobs[:1] == [entry.job.id]
+
+    def _release(self, peer: Peer, entry: Entry, now: float) -> None:
+        peer.jobs.remove(entry.job.id)
+        for job in peer.jobs[:1]:
+            following = self._entries[job]
+            following.started_s = now
+            if following.stop and following.kill_at_s is None:
+                following.kill_at_s = now + self.limits.cancel_grace_s
+
+    def _finish(self, entry: Entry, error: ErrorInfo, quarantined: bool) -> None:
+        self.counters["jobs_cancelled" if error.code == "Cancelled" else "jobs_failed"] += 1
+        self._forget(entry)
+        entry.watcher.on_failed(error, quarantined)
+
+    def _forget(self, entry: Entry) -> None:
+        self._entries.pop(entry.job.id, None)
+        if entry.job.id in self._queue:
+            self._queue.remove(entry.job.id)
+
+    def _assign(self, now: float) -> None:
+        for job in list(self._queue):
+            entry = self._entries.get(job)
+            if entry is None or entry.worker:  # a watcher may have submitted or cancelled meanwhile
+                continue
+            refused = self._refusal(entry.subject, entry.job.pipeline)
+            if refused is not None:
+                self._finish(entry, refused, True)
+                continue
+            peer = self._choose(entry)
+            if peer is not None:
+                self._queue.remove(job)
+                self._give(peer, entry, now)
+
+    def _give(self, peer: Peer, entry: Entry, now: float) -> None:
+        entry.worker = peer.name
+        if not peer.jobs:
+            entry.started_s = now
+        peer.jobs.append(entry.job.id)
+        self._outbox.append((peer.name, entry.job))
+
+    def _choose(self, entry: Entry) -> Peer | None:
+        able: Iterable[Peer] = [peer for peer in self.peers.values() if peer.provides(entry.job)]
+        able = able or self.peers.values()  # nobody has the plug-in: let one tell which there are
+        free = [peer for peer in able if peer.credits > 0]
+        return max(free, key=lambda peer: (peer.name != entry.avoid, peer.credits), default=None)
