@@ -1,0 +1,113 @@
+"""Shaded views along X-Y, Y-Z, X-Z and oblique, and values painted on a shaded surface.
+
+Owns their axes and scale bars; `shading` renders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+
+from fringed.data import Array, Model, RangeImage
+from fringed_client.pictures.figures import FAINT, INK, colour_bar, figure, labelled, limits, save, titled
+from fringed_client.pictures.geometry import cloud_of
+from fringed_client.pictures.shading import PAPER, VIEWS, Rendering, View, render_points
+
+_NAMES = {"x-y": "X–Y, from the camera", "y-z": "Y–Z, from the side", "x-z": "X–Z, from above", "oblique": "oblique"}
+_STEPS_MM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+def draw_views(
+    folder: Path, surface: RangeImage | Model, width_px: int = 640, names: tuple[str, ...] = tuple(VIEWS)
+) -> Mapping[str, Path]:
+    """Draw the shaded views into `folder` as `shaded-<view>.png`; returns their paths by view."""
+    points, normals = points_of(surface)
+    simulated = surface.provenance.simulated
+    drawn = {}
+    for name in names:
+        rendering = render_points(points, normals, VIEWS[name], width_px)
+        drawn[name] = _draw_rendering(folder / f"shaded-{name}.png", rendering, VIEWS[name], simulated)
+    return drawn
+
+
+def points_of(surface: RangeImage | Model) -> tuple[Array, Array]:
+    """Return points (n, 3) and unit normals (n, 3) of a range image or a model."""
+    if isinstance(surface, Model):
+        return surface.points_mm, surface.normals
+    points, normals, _ = cloud_of(surface.xyz_mm)
+    return points, normals
+
+
+def _draw_rendering(path: Path, rendering: Rendering, view: View, simulated: bool) -> Path:
+    height, width = rendering.rgb.shape[:2]
+    drawn = figure(width / 110 + 1.0, height / 110 + 0.95)
+    axes = drawn.add_subplot()
+    _show(axes, rendering, view)
+    titled(axes, _NAMES.get(view.name, view.name), simulated)
+    return save(drawn, path)
+
+
+def _show(axes: Any, rendering: Rendering, view: View) -> None:
+    left, right, bottom, top = rendering.extent_mm
+    across, down = sum(view.right), sum(view.down)
+    if view.right_label:
+        axes.imshow(rendering.rgb, extent=(left * across, right * across, bottom * down, top * down))
+        labelled(axes, view.right_label, view.down_label)
+        return
+    axes.imshow(rendering.rgb, extent=(left, right, bottom, top))
+    axes.set_axis_off()
+    _scale_bar(axes, rendering)
+
+
+def _scale_bar(axes: Any, rendering: Rendering) -> None:
+    left, right, bottom, top = rendering.extent_mm
+    length = max([s for s in _STEPS_MM if s <= abs(right - left) / 3.5] or [_STEPS_MM[0]])
+    x, y = left + 0.03 * (right - left), bottom - 0.03 * (bottom - top)
+    axes.plot([x, x + length], [y, y], color=INK, linewidth=2, solid_capstyle="butt")
+    axes.text(
+        x + length / 2, y - 0.012 * (bottom - top), f"{length} mm", ha="center", va="bottom", fontsize=8, color=INK
+    )
+
+
+def draw_painted(  # noqa: PLR0913  a painted surface is its points, their values and their words
+    path: Path,
+    points_mm: Array,
+    normals: Array,
+    values: Array,
+    *,
+    title: str,
+    label: str,
+    signed: bool = True,
+    simulated: bool = False,
+    view: str = "x-y",
+) -> Path:
+    """Paint values on a shaded surface, over a diverging colour map when they are signed."""
+    rendering = render_points(points_mm, normals, VIEWS[view], 620, values)
+    top = max(abs(limit) for limit in limits(values, 1, 99)) if signed else limits(values, 1, 99)[1]
+    norm = Normalize(-top if signed else 0.0, top)
+    colours = colormaps["RdBu_r" if signed else "viridis"]
+    painted = _painted(rendering, norm, colours)
+    height, width = painted.rgb.shape[:2]
+    drawn = figure(width / 110 + 1.9, height / 110 + 0.95)
+    axes = drawn.add_subplot()
+    _show(axes, painted, VIEWS[view])
+    colour_bar(drawn, ScalarMappable(norm, colours), axes, label, "both" if signed else "max")
+    titled(axes, title, simulated)
+    axes.text(0.99, 0.01, f"{len(points_mm):,} points", transform=axes.transAxes, ha="right", fontsize=7, color=FAINT)
+    return save(drawn, path)
+
+
+def _painted(rendering: Rendering, norm: Normalize, colours: Any) -> Rendering:
+    assert rendering.values is not None
+    light = rendering.rgb.mean(axis=2, keepdims=True) / 255.0
+    colour = colours(norm(np.nan_to_num(rendering.values)))[..., :3]
+    shown = np.where(
+        (rendering.covered & np.isfinite(rendering.values))[..., None], colour * (0.45 + 0.6 * light), PAPER
+    )
+    return Rendering((np.clip(shown, 0, 1) * 255).astype(np.uint8), rendering.extent_mm, rendering.covered)
