@@ -1,0 +1,1 @@
+"""The devices' drivers: each builds on bytes (protocols, transports) or, simulated, on the simulation."""
