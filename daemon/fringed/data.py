@@ -285,7 +285,8 @@ class PhaseMap(_Frozen):
     that `u = (phase - initial_phase_rad) period_px / 2 pi`; "relative" is right up to a multiple of
     2 pi for each connected region. `sigma_rad` is the standard deviation from the sensor's noise.
     `wrapped_rad` is the finest wrapped phase, where a decoder was asked to keep it; `difference_to`
-    names the reference's frame set where the phase is a difference.
+    names the reference's frame set where the phase is a difference. `projector_px` is the projector's
+    width for columns, its height for rows; 0 where unknown.
     """
 
     phase_rad: Float32Array
@@ -299,6 +300,7 @@ class PhaseMap(_Frozen):
     sigma_rad: Float32Array | None = None
     wrapped_rad: Float32Array | None = None
     difference_to: str = ""
+    projector_px: int = 0
     id: str = ""
     scan: str = ""
     provenance: Provenance = field(default_factory=Provenance)
