@@ -24,7 +24,7 @@ BLOCK_BYTES = 4096
 LARGE_BYTES = 64 * 1024  # arrays from here on have a checksum of their own only, see `meta_xxh3`
 _FIRST_LINE = re.compile(rb"fringed-recording (\d{1,9}) (\d{1,9}) ([0-9a-f]{16})\n")
 _BYTES_OF_AN_EXTENT = 32
-_BYTES_OF_A_SUMMARY = 2048
+_BYTES_OF_A_SUMMARY = 3400  # four texts of 120 bytes, six each where JSON escapes them, and the rest
 _TEXT_MAX = 120
 
 

@@ -123,7 +123,7 @@ def test_late_reader_sees_the_counter_skip() -> None:
 
 
 def test_triggered_camera_waits_for_its_trigger() -> None:
-    camera, projector, clock = rig(recording())
+    camera, projector, _ = rig(recording())
     projector.load(sequence(), "object")
     assert camera.arm(CameraSettings(trigger="software")).trigger == "software"
     with pytest.raises(DeviceStalled, match="trigger"):
