@@ -1,0 +1,1 @@
+"""Fringe phase: arrays in, arrays out. Knows no contract, no file and no clock."""

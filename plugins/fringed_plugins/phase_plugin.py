@@ -1,0 +1,27 @@
+"""Registers the fringe methods: phase shifting, multi-frequency, and the unwrapped difference.
+
+Owns parameters and the translation between the contract's types and arrays; the algorithms are in
+`phase` and `unwrap`, and are imported when first used, since compiling kernels takes time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fringed.hookspecs import hookimpl
+from fringed_plugins.phase_decoders import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEncoder
+from fringed_plugins.unwrap_processor import UnwrapDifference
+
+
+@hookimpl
+def register_patterns() -> Sequence[type[Any]]:
+    """Return the encoders."""
+    return (PhaseShiftEncoder, MultiFrequencyEncoder)
+
+
+@hookimpl
+def register_processors() -> Sequence[type[Any]]:
+    """Return the decoders and the unwrapping."""
+    return (PhaseShiftDecoder, MultiFrequencyDecoder, UnwrapDifference)

@@ -1,0 +1,273 @@
+"""Registers triangulation: phase and calibration to range images.
+
+Owns parameters and the translation between the contract's types and arrays; the geometry is in
+`calibration`, imported when first used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+from msgspec import Meta
+
+from fringed import __version__
+from fringed.data import Calibration, Float32Array, Lens, PhaseMap, Provenance, RangeImage
+from fringed.errors import DataError
+from fringed.hookspecs import Context, Params, hookimpl
+
+if TYPE_CHECKING:
+    from fringed_plugins.calibration.rig import Axis, Pinhole
+
+_MM = {"units": "mm"}
+_PX = {"units": "px on the object"}
+_DEPTH_PLANE_FRACTION = 0.3
+_PLANE_RAD = 0.3
+_MIN_SENSITIVITY = 0.05
+
+
+class RangeParams(Params, frozen=True, kw_only=True):
+    """Which points are kept."""
+
+    min_depth_mm: Annotated[float, Meta(ge=0, description="nearest depth kept", extra_json_schema=_MM)] = 0.0
+    max_depth_mm: Annotated[
+        float | None, Meta(description="farthest depth kept; unset: no limit", extra_json_schema=_MM)
+    ] = None  # fmt: skip
+    max_bend: Annotated[
+        float,
+        Meta(gt=0, le=1e3, description="largest departure from the neighbours' line", extra_json_schema=_PX),
+    ] = 1.5
+    max_slope: Annotated[
+        float,
+        Meta(gt=0, le=1e3, description="steepest surface, tangent to the view", extra_json_schema={"units": "1"}),
+    ] = 8.0
+    keep_flyers: Annotated[bool, Meta(description="keep points that continue no surface")] = False
+
+
+class Triangulate:
+    """Absolute phase to points: each camera ray meets the surface of its projector column or row.
+
+    Both lenses' distortions are taken exactly. The deviation of a point along its ray is the phase's times
+    the geometry's sensitivity. Points that continue no surface (flyers) are dropped (`DISCONTINUITY`).
+
+    References
+    ----------
+    Zhang & Huang 2006; thesis.md, section 3.
+    """
+
+    name: ClassVar[str] = "triangulate"
+    version: ClassVar[str] = __version__
+    summary: ClassVar[str] = "absolute phase and calibration to a range image"
+    inputs: ClassVar[Mapping[str, Any]] = {"phase": PhaseMap, "calibration": Calibration}
+    optional: ClassVar[frozenset[str]] = frozenset()
+    output: ClassVar[type] = RangeImage
+
+    class Params(RangeParams, frozen=True, kw_only=True):
+        """Parameters."""
+
+    def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> RangeImage:
+        """Return the range image.
+
+        Raises
+        ------
+        DataError
+            a phase that is not absolute, or a calibration of another camera or projector.
+        """
+        phase, calibration = _inputs(inputs, self.name)
+        if phase.kind != "absolute":
+            raise DataError(
+                f"triangulate takes an absolute phase; this one is {phase.kind}: decode several frequencies, or unwrap "
+                "the difference to a reference plane and use 'reference-plane'"
+            )
+        context.check_cancelled()
+        return _range_image(phase, phase.phase_rad, calibration, params, context)
+
+    @classmethod
+    def warm_up(cls) -> None:
+        """Compile or load the kernels."""
+        from fringed_plugins.calibration.rig import Pinhole, projector_axis
+        from fringed_plugins.calibration.triangulate import triangulate
+
+        matrix = np.array([[8.0, 0, 3.5], [0, 8.0, 3.5], [0, 0, 1]])
+        lens, transform, zeros = Pinhole(8, 8, matrix, np.zeros(5)), np.eye(4), np.zeros((8, 8), np.float32)
+        transform[0, 3] = -1.0
+        mask = np.zeros((8, 8), np.uint8)
+        axis = projector_axis(lens, transform, "columns")
+        triangulate(zeros, mask, lens, axis, (8.0, 0.0), sigma_rad=zeros, background=zeros, threads=1)
+
+
+class ReferencePlane:
+    """The unwrapped difference to the reference plane, to points.
+
+    The plane's own absolute phase is predicted from the calibration for every pixel; with the difference
+    added the geometry is the full one, not the textbook's h = L dphi / (dphi + 2 pi f0 D), which holds for
+    an ideal rig only. The multiple of 2 pi of each region, which spatial unwrapping cannot know, is the
+    given one where the reference plane itself is in view (many differences near 0), and otherwise the one
+    that brings the region's median nearest to `expected_depth_mm`.
+
+    References
+    ----------
+    thesis.md, section 3, eqs. 3.2-3.7 and 3.21-3.27.
+    """
+
+    name: ClassVar[str] = "reference-plane"
+    version: ClassVar[str] = __version__
+    summary: ClassVar[str] = "phase difference to the reference plane and calibration to a range image"
+    inputs: ClassVar[Mapping[str, Any]] = {"phase": PhaseMap, "calibration": Calibration}
+    optional: ClassVar[frozenset[str]] = frozenset()
+    output: ClassVar[type] = RangeImage
+
+    class Params(RangeParams, frozen=True, kw_only=True):
+        """Parameters."""
+
+        expected_depth_mm: Annotated[
+            float,
+            Meta(ge=0, description="middle of the object; 0: where the rig is aimed", extra_json_schema=_MM),
+        ] = 0.0
+        offset_periods: Annotated[
+            int, Meta(ge=-1000, le=1000, description="added to every region", extra_json_schema={"units": "periods"})
+        ] = 0  # fmt: skip
+
+    def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> RangeImage:
+        """Return the range image.
+
+        Raises
+        ------
+        DataError
+            a phase that is no difference, or a calibration without a reference plane or of another rig.
+        """
+        from fringed_plugins.calibration.reference import phase_at_depth, plane_depth
+
+        phase, calibration = _inputs(inputs, self.name)
+        if phase.kind != "relative":
+            raise DataError(f"reference-plane takes a relative phase (a difference); this one is {phase.kind}")
+        if calibration.reference_plane is None:
+            raise DataError(
+                "the calibration has no reference plane; calibrate with one, or several frequencies with 'triangulate'"
+            )
+        context.check_cancelled()
+        camera, axis, fringes = _rig(phase, calibration)
+        depth = plane_depth(camera, calibration.reference_plane, context.threads)
+        plane_rad = phase_at_depth(camera, axis, fringes, depth, context.threads)
+        context.progress(0.4, "reference plane")
+        expected = params.expected_depth_mm or _aim_mm(calibration)
+        expected_rad = phase_at_depth(camera, axis, fringes, np.full_like(depth, expected), context.threads) - plane_rad
+        shift = _shift_rad(phase, expected_rad.astype(np.float32)) + np.float32(2 * np.pi * params.offset_periods)
+        absolute = (plane_rad + phase.phase_rad + shift).astype(np.float32)
+        context.progress(0.6, "triangulation")
+        return _range_image(phase, absolute, calibration, params, context)
+
+    @classmethod
+    def warm_up(cls) -> None:
+        """Compile or load the kernels."""
+        Triangulate.warm_up()
+
+
+def _inputs(inputs: Mapping[str, Any], name: str) -> tuple[PhaseMap, Calibration]:
+    phase, calibration = inputs.get("phase"), inputs.get("calibration")
+    if not isinstance(phase, PhaseMap) or not isinstance(calibration, Calibration):
+        raise DataError(
+            f"{name} takes a PhaseMap 'phase' and a Calibration 'calibration'; it was given "
+            f"{type(phase).__name__} and {type(calibration).__name__}: calibrate the rig, or name its calibration file"
+        )
+    height, width = phase.phase_rad.shape
+    camera, projector = calibration.camera, calibration.projector
+    if (camera.width_px, camera.height_px) != (width, height):
+        raise DataError(
+            f"the phase map is {width} x {height} px, the calibration's camera {camera.width_px} x {camera.height_px}; "
+            "use the calibration of this camera at this resolution"
+        )
+    known = projector.width_px if phase.orientation == "columns" else projector.height_px
+    if phase.projector_px not in (0, known):
+        raise DataError(
+            f"the fringes were made for a projector of {phase.projector_px} {phase.orientation}, the calibration is "
+            f"for {known}; use the calibration of this projector"
+        )
+    return phase, calibration
+
+
+def _pinhole(lens: Lens) -> Pinhole:
+    from fringed_plugins.calibration.rig import Pinhole
+
+    return Pinhole(lens.width_px, lens.height_px, lens.matrix, lens.distortion)
+
+
+def _rig(phase: PhaseMap, calibration: Calibration) -> tuple[Pinhole, Axis, tuple[float, float]]:
+    from fringed_plugins.calibration.rig import projector_axis, sensitivity
+
+    try:
+        axis = projector_axis(_pinhole(calibration.projector), calibration.T_projector_camera, phase.orientation)
+    except ValueError as error:
+        raise DataError(f"the calibration {calibration.hash} cannot be used: {error}") from error
+    if sensitivity(axis) < _MIN_SENSITIVITY:
+        other = "rows" if phase.orientation == "columns" else "columns"
+        raise DataError(
+            f"camera and projector stand side by side along the fringes, so that {phase.orientation} tell no depth; "
+            f"project fringes along {other}"
+        )
+    return _pinhole(calibration.camera), axis, (phase.period_px, phase.initial_phase_rad)
+
+
+def _aim_mm(calibration: Calibration) -> float:
+    from fringed_plugins.calibration.reference import axes_crossing_mm
+
+    try:
+        return axes_crossing_mm(calibration.T_projector_camera)
+    except ValueError as error:
+        raise DataError(f"expected_depth_mm is not given, and {error}") from error
+
+
+def _shift_rad(phase: PhaseMap, expected_rad: Float32Array) -> Float32Array:
+    """Return the multiple of 2 pi to add at each pixel."""
+    from fringed_plugins.calibration.reference import nearest_orders
+    from fringed_plugins.unwrap.regions import connected_regions
+
+    regions = connected_regions(np.isfinite(phase.phase_rad))
+    shifts = nearest_orders(phase.phase_rad, regions, expected_rad)
+    near_plane = np.bincount(regions[np.abs(phase.phase_rad) < _PLANE_RAD], minlength=len(shifts))
+    sizes = np.maximum(np.bincount(regions.ravel(), minlength=len(shifts)), 1)
+    shifts[near_plane > _DEPTH_PLANE_FRACTION * sizes] = 0.0
+    return shifts[regions]
+
+
+def _range_image(
+    phase: PhaseMap, absolute_rad: Float32Array, calibration: Calibration, params: RangeParams, context: Context
+) -> RangeImage:
+    from fringed_plugins.calibration.triangulate import Tolerances, triangulate
+
+    camera, axis, fringes = _rig(phase, calibration)
+    tolerances = Tolerances(
+        near_mm=params.min_depth_mm,
+        far_mm=params.max_depth_mm or float("inf"),
+        bend_px=params.max_bend,
+        step_px=params.max_slope,
+        flyers=params.keep_flyers,
+    )
+    points = triangulate(
+        absolute_rad,
+        phase.rejected,
+        camera,
+        axis,
+        fringes,
+        sigma_rad=phase.sigma_rad,
+        background=phase.background,
+        tolerances=tolerances,
+        threads=context.threads,
+    )
+    simulated = phase.provenance.simulated or calibration.source == "exact-simulated"
+    return RangeImage(
+        xyz_mm=points.xyz_mm,
+        rejected=points.rejected,
+        intensity=points.intensity,
+        sigma_mm=points.sigma_mm if phase.sigma_rad is not None else None,
+        calibration=calibration.hash,
+        provenance=replace(Provenance(), calibration=calibration.hash, rig=calibration.rig, simulated=simulated),
+    )
+
+
+@hookimpl
+def register_processors() -> Sequence[type[Any]]:
+    """Return triangulation and the reference-plane method."""
+    return (Triangulate, ReferencePlane)

@@ -1,0 +1,1 @@
+"""Spatial unwrapping: arrays in, arrays out. Knows no contract, no file and no clock."""
