@@ -15,6 +15,8 @@ from fringed.workers.dispatch import Dispatcher
 from fringed.workers.jobs import Limits, Watcher
 from fringed.workers.supervisor import Supervisor, WorkerOptions
 
+BUILT_IN = dict.fromkeys(("phase", "triangulation", "registration", "exporters"), "toys are enough here")
+
 PLUGIN_HEAD = """
 import ctypes, os, sys, time
 from typing import Annotated
@@ -111,10 +113,10 @@ class Rig:
 
     def __init__(self, folder: Path, plugins: Path, limits: Limits | None = None, **options: object) -> None:
         self.context = zmq.Context()
-        self.dispatcher = Dispatcher(limits or Limits(job_timeout_s=1.0, cancel_grace_s=0.3))
+        self.dispatcher = Dispatcher(limits or Limits(cancel_grace_s=0.3))
         endpoint = f"ipc://{folder}/work"
         self.supervisor = Supervisor(
-            WorkerOptions(endpoint, folders=(plugins,), threads=1, **options),  # type: ignore[arg-type]
+            WorkerOptions(endpoint, folders=(plugins,), threads=1, skip=BUILT_IN, **options),  # type: ignore[arg-type]
             self.dispatcher,
         )
         self.reactor = Reactor()
@@ -132,12 +134,17 @@ class Rig:
         self.context.destroy(linger=0)
 
     def submit(
-        self, *plugins: str, inputs: dict[str, object] | None = None, pipeline: str = "p", **more: object
+        self,
+        *plugins: str,
+        given: dict[str, object] | None = None,
+        pipeline: str = "p",
+        timeout_s: float = 60.0,
+        **more: object,
     ) -> Answer:
         stages = tuple(StageCall(f"s{i}-{name}", "processor", name, **more) for i, name in enumerate(plugins))
         answer = Answer()
-        job = Job(new_id(), stages, inputs if inputs is not None else {"object": frame_set()}, pipeline, scan="scan-1")
-        self.work.submit(job, answer.watcher())
+        job = Job(new_id(), stages, given if given is not None else {"object": frame_set()}, pipeline, scan="scan-1")
+        self.work.submit(job, answer.watcher(), timeout_s)
         return answer
 
     def wait(self, *answers: Answer, timeout_s: float = 60.0) -> None:

@@ -13,6 +13,7 @@ import msgspec
 
 from fringed.config import describe
 from fringed.loading import Catalogue
+from fringed.workers.resolve import type_name
 
 _log = logging.getLogger(__name__)
 
@@ -56,4 +57,4 @@ def _about(item: Any) -> dict[str, Any]:
 def _type_text(kind: Any) -> str:
     if isinstance(kind, tuple):
         return f"{_type_text(kind[0])}[]"
-    return str(getattr(kind, "__name__", kind))
+    return type_name(kind)

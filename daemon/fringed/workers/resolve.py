@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from types import UnionType
+from typing import Any, Union, get_args, get_origin
 
 from fringed.errors import DataError
 
@@ -76,7 +77,7 @@ def _explicit(name: str, kind: Any, source: str, pool: Pool, stage: str) -> Any:
     if not _fits(value, kind):
         raise DataError(
             f"stage {stage!r} takes its input {name!r} from {source!r}, which is {_describe(value)}; "
-            f"it needs {_type_name(kind)}"
+            f"it needs {type_name(kind)}"
         )
     return _shaped(value, kind)
 
@@ -90,7 +91,7 @@ def _by_type(name: str, wanted: Mapping[str, Any], unnamed: list[str], pool: Poo
     rivals = [other for other in unnamed if wanted[other] == kind]
     if (made or given) and len(rivals) > 1:
         raise DataError(
-            f"stage {stage!r} has several inputs of type {_type_name(kind)} ({', '.join(rivals)}); "
+            f"stage {stage!r} has several inputs of type {type_name(kind)} ({', '.join(rivals)}); "
             f"name the source of each in its `inputs`; there is: {', '.join(pool.all())}"
         )
     if made:
@@ -99,7 +100,7 @@ def _by_type(name: str, wanted: Mapping[str, Any], unnamed: list[str], pool: Poo
         return next(iter(given.values()))
     if given:
         raise DataError(
-            f"stage {stage!r}: input {name!r} could be {' or '.join(given)}, all of type {_type_name(kind)}; "
+            f"stage {stage!r}: input {name!r} could be {' or '.join(given)}, all of type {type_name(kind)}; "
             f"name one in its `inputs`"
         )
     raise _missing(name, kind, pool, stage)
@@ -118,7 +119,7 @@ def _sequence(name: str, kind: Any, pool: Pool, stage: str) -> tuple[Any, ...]:
 
 def _missing(name: str, kind: Any, pool: Pool, stage: str) -> DataError:
     there = ", ".join(f"{key} ({_describe(value)})" for key, value in pool.all().items()) or "nothing"
-    return DataError(f"stage {stage!r} needs {_type_name(kind)} for its input {name!r}; there is: {there}")
+    return DataError(f"stage {stage!r} needs {type_name(kind)} for its input {name!r}; there is: {there}")
 
 
 def _fits(value: Any, kind: Any) -> bool:
@@ -141,7 +142,10 @@ def _describe(value: Any) -> str:
     return type(value).__name__
 
 
-def _type_name(kind: Any) -> str:
+def type_name(kind: Any) -> str:
+    """Return a declared type as people read it, such as "one or more RangeImage" or "PhaseMap or RangeImage"."""
     if isinstance(kind, tuple):
-        return f"one or more {_type_name(kind[0])}"
+        return f"one or more {type_name(kind[0])}"
+    if get_origin(kind) in (Union, UnionType):
+        return " or ".join(type_name(one) for one in get_args(kind))
     return str(getattr(kind, "__name__", kind))

@@ -14,8 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from datetime import UTC, datetime
-from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Any, Union
 
 import msgspec
 import numpy as np
@@ -27,7 +26,7 @@ from fringed.errors import DataError, PluginError
 from fringed.hookspecs import Context, ProjectorTarget
 from fringed.loading import Catalogue
 from fringed.messages import Job, StageCall
-from fringed.workers.resolve import Pool, resolve
+from fringed.workers.resolve import Pool, resolve, type_name
 
 
 def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, context: Context) -> Any:
@@ -52,7 +51,7 @@ def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, cont
     expected = {"processor": getattr(cls, "output", None), "encoder": PatternSequence, "scene": Mesh}.get(stage.kind)
     if expected is not None and not isinstance(product, expected):
         raise PluginError(
-            f"the {stage.kind} {stage.plugin!r} returned a {type(product).__name__}; it declares {_name(expected)}"
+            f"the {stage.kind} {stage.plugin!r} returned a {type(product).__name__}; it declares {type_name(expected)}"
         )
     return stamp(product, plugin, params, list(inputs.values()), job)
 
@@ -150,9 +149,3 @@ def _origin(item: Any) -> Provenance:
 
 def _first(texts: Any) -> str:
     return next((text for text in texts if isinstance(text, str) and text), "")
-
-
-def _name(kind: Any) -> str:
-    if get_origin(kind) in (Union, UnionType):
-        return " or ".join(_name(arg) for arg in get_args(kind))
-    return str(getattr(kind, "__name__", kind))

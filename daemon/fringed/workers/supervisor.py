@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -40,6 +40,7 @@ class WorkerOptions:
     log_level: str = "info"
     warm_up: bool = True
     start_timeout_s: float = _START_TIMEOUT_S
+    skip: Mapping[str, str] = field(default_factory=dict)  # plug-ins that are not loaded, with the reason
 
 
 @dataclass
@@ -72,7 +73,7 @@ class Supervisor:
         self.options = options
         self._dispatcher = dispatcher
         self._slots = [_Slot(number + 1, warm_up=options.warm_up) for number in range(options.count)]
-        self._loading = _Loading()
+        self._loading = _Loading(skip=dict(self.options.skip))
         self._next_memory_s = 0.0
         self._stopped = False
 
@@ -108,7 +109,7 @@ class Supervisor:
 
     def reload(self, now: float) -> None:
         """Start all workers anew, so that they load changed plug-ins; what they work on is done again."""
-        self._loading = _Loading()
+        self._loading = _Loading(skip=dict(self.options.skip))
         for slot in self._slots:
             slot.pause_s, slot.next_start_s, slot.warm_up = _FIRST_PAUSE_S, now, self.options.warm_up
             if slot.process is not None:
