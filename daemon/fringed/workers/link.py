@@ -30,8 +30,11 @@ _log = logging.getLogger(__name__)
 class Link:
     """Talk to the station. `on_gone(reason)` is called in the link's thread when nobody is there any more."""
 
-    def __init__(self, socket: zmq.Socket[bytes], name: str, on_gone: Callable[[str], None]) -> None:
+    def __init__(
+        self, socket: zmq.Socket[bytes], name: str, on_gone: Callable[[str], None], silence_s: float = SILENCE_S
+    ) -> None:
         self.name = name
+        self._silence_s = silence_s
         self._socket = socket
         self._on_gone = on_gone
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
@@ -106,8 +109,8 @@ class Link:
             if self._socket in ready:
                 heard_s = time.monotonic()
                 self._receive()
-            elif time.monotonic() - heard_s > SILENCE_S:
-                self._on_gone(f"the station was silent for {SILENCE_S:g} s")
+            elif time.monotonic() - heard_s > self._silence_s:
+                self._on_gone(f"the station was silent for {self._silence_s:g} s")
                 return
 
     def _receive(self) -> None:

@@ -1,0 +1,116 @@
+"""The worker's end of the work socket, against a bare ROUTER."""
+
+import time
+from collections.abc import Iterator
+
+import pytest
+import zmq
+
+from fringed import wire
+from fringed.messages import Job, JobCancel, JobFailed, StageCall, WorkerAlive, WorkerReady, WorkerStop
+from fringed.workers.link import Link
+
+JOB = Job("j", (StageCall("s", "processor", "p"),), {"text": "x"})
+
+
+class Station:
+    """A ROUTER that says what the test wants."""
+
+    def __init__(self) -> None:
+        self.context = zmq.Context()
+        self.socket = self.context.socket(zmq.ROUTER)
+        self.socket.bind("inproc://work")
+        self.gone: list[str] = []
+
+    def link(self, silence_s: float = 60.0) -> Link:
+        dealer = self.context.socket(zmq.DEALER)
+        dealer.setsockopt(zmq.IDENTITY, b"w")
+        dealer.connect("inproc://work")
+        link = Link(dealer, "w", self.gone.append, silence_s)
+        link.start()
+        return link
+
+    def say(self, *frames: bytes) -> None:
+        self.socket.send_multipart([b"w", *frames])
+
+    def hear(self, kind: type) -> object:
+        """Return the next message of that kind."""
+        while self.socket.poll(5000):
+            message = wire.decode(self.socket.recv_multipart()[1:]).content
+            if isinstance(message, kind):
+                return message
+        pytest.fail(f"no {kind.__name__} came")
+
+
+@pytest.fixture
+def station() -> Iterator[Station]:
+    station = Station()
+    yield station
+    station.socket.close(linger=0)
+    station.context.term()
+
+
+def test_signs_of_life_follow_ready_and_name_the_job(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    assert isinstance(wire.decode(station.socket.recv_multipart()[1:]).content, WorkerReady)
+    assert station.hear(WorkerAlive) == WorkerAlive("w", "")
+    station.say(*wire.encode(JOB))
+    assert link.next_job(5.0) == JOB
+    assert station.hear(WorkerAlive) == WorkerAlive("w", "j")
+    link.close()
+
+
+def test_cancellation_is_of_one_job(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    station.say(*wire.encode(JobCancel("j")))
+    station.say(*wire.encode(JOB))
+    assert link.next_job(5.0) == JOB
+    assert link.cancelled("j")
+    assert not link.cancelled("k")
+    link.close()
+
+
+def test_damaged_job_is_answered_so_that_another_attempt_is_made(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    topic, header = wire.encode(JOB)
+    station.say(topic, header, b"a buffer that nobody described")
+    failed = station.hear(JobFailed)
+    assert (failed.job, failed.error.code, failed.retry) == ("j", "WireError", True)
+    link.close()
+
+
+def test_nonsense_is_survived(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    for nonsense in ([b""], [b"", b"{"], [b"x", b"y", b"z"]):
+        station.say(*nonsense)
+    station.say(*wire.encode(JOB))
+    assert link.next_job(5.0) == JOB
+    link.close()
+
+
+def test_stop_ends_the_wait_for_jobs(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    station.say(*wire.encode(WorkerStop("good night")))
+    assert link.next_job(5.0) is None
+    assert link.stopping
+    link.close()
+
+
+def test_silent_station_is_noticed(station):
+    link = station.link(silence_s=0.2)
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    deadline = time.monotonic() + 5
+    while not station.gone and time.monotonic() < deadline:
+        time.sleep(0.01)
+    link.close()
+    assert station.gone == ["the station was silent for 0.2 s"]
