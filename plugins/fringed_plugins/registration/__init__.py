@@ -1,0 +1,20 @@
+"""Registration of organised range images: arrays in, arrays out.
+
+Small parts that compose, so that a family of methods can share them:
+
+    surface     range image -> decimated levels with normals, boundaries and noise
+    starts      first guesses: principal axes, turns about the image's axes
+    coarse      a tournament of the guesses on few points
+    matching    closest points on a level
+    rejection   which pairs count: Zhang's adaptive limit, boundaries, normals, Tukey's weights
+    minimisers  the rigid motion of matched points: SVD, unit quaternion, dual quaternion
+    plane       one linearised step of the point-to-plane and symmetric errors, and its information
+    icp         the loop around them
+    verify      whether the result can be believed
+    register    all of it for one pair of views
+    footpoints  full-resolution foot points of one view's points on another view
+    chaining    many views, one after the other
+    merging     many registered views to one cloud without redundancy
+
+Knows nothing of the daemon, of plug-ins or of files. Lengths are millimetres, angles radians.
+"""

@@ -1,0 +1,235 @@
+"""Registration and merging as processors: fetch arrays, call the algorithm, return the product.
+
+Owns parameters, limits and the wording towards the user; the mathematics is in `registration`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from msgspec import Meta
+
+from fringed.data import IterationRecord, Model, RangeImage, Registration
+from fringed.errors import ConvergenceError, DataError
+from fringed.hookspecs import Context, Params, hookimpl
+from fringed_plugins.registration.chaining import Chain, ChainBrokenError, Link, chain
+from fringed_plugins.registration.merging import merge
+from fringed_plugins.registration.register import Options, register
+from fringed_plugins.registration.result import Alignment, Iteration, Report
+from fringed_plugins.registration.surface import Surface, prepare
+from fringed_plugins.registration.verify import Limits
+
+Row = tuple[float, float, float, float]
+_MM = {"units": "mm"}
+
+
+class _PairParams(Params, frozen=True, kw_only=True):
+    """What both processors take."""
+
+    points: Annotated[int, Meta(ge=500, le=2_000_000, description="most points of the fine stage")] = 25_000
+    iterations: Annotated[int, Meta(ge=1, le=1000, description="most iterations of each stage")] = 40
+    min_overlap: Annotated[float, Meta(ge=0.0, le=1.0, description="least part of the model on the reference")] = 0.2
+    max_rms_mm: Annotated[
+        float,
+        Meta(ge=0.0, description="greatest residual; 0: 5 x noise or 0.1 % of the extent", extra_json_schema=_MM),
+    ] = 0.0
+
+    def options(self, threads: int, start: Sequence[Row] | None = None) -> Options:
+        """Return the algorithm's options."""
+        plain = Options()
+        return Options(
+            T_reference_model=None if start is None else np.array(start, np.float64),
+            fine_points=self.points,
+            medium_points=min(plain.medium_points, self.points),
+            medium=replace(plain.medium, iterations=self.iterations),
+            fine=replace(plain.fine, iterations=self.iterations),
+            limits=Limits(self.min_overlap, self.max_rms_mm),
+            threads=threads,
+        )
+
+
+def _surface(view: RangeImage, name: str) -> Surface:
+    sigma = view.sigma_mm
+    return prepare(view.xyz_mm, view.rejected, sigma, f"{name} {view.id}".strip())
+
+
+def _report(context: Context) -> Report:
+    return lambda fraction, text: context.progress(min(max(fraction, 0.0), 1.0), text)
+
+
+def _record(made: Iteration) -> IterationRecord:
+    return IterationRecord(
+        made.rms_mm, made.pairs, made.threshold_mm, made.rotation_rad, made.translation_mm, made.stage
+    )
+
+
+def _product(alignment: Alignment, reference: str, model: str) -> Registration:
+    return Registration(
+        reference=reference,
+        model=model,
+        T_reference_model=alignment.T_reference_model,
+        converged=alignment.converged,
+        reason=alignment.reason,
+        rms_mm=alignment.rms_mm,
+        overlap=alignment.overlap,
+        covariance=alignment.covariance,
+        history=tuple(map(_record, alignment.history)),
+    )
+
+
+class Register:
+    """Bring one range image to another's frame: guesses, coarse to fine ICP, verification."""
+
+    name: ClassVar[str] = "register"
+    version: ClassVar[str] = "1.0.0"
+    summary: ClassVar[str] = "PCA and turns as first guesses, symmetric point-to-plane ICP, verified"
+    inputs: ClassVar[Mapping[str, Any]] = {"reference": RangeImage, "model": RangeImage}
+    optional: ClassVar[frozenset[str]] = frozenset()
+    output: ClassVar[type] = Registration
+
+    class Params(_PairParams, frozen=True, kw_only=True):
+        """Parameters of `register`."""
+
+        T_reference_model: Annotated[
+            tuple[Row, Row, Row, Row] | None,
+            Meta(description="start as four rows of four numbers; null: find one", extra_json_schema=_MM),
+        ] = None
+
+    def run(self, inputs: Mapping[str, Any], params: Any, context: Context) -> Registration:
+        """Return the registration, `converged` or not with its reason.
+
+        Raises
+        ------
+        DataError
+            range images that cannot be registered, or a start that is not rigid.
+        """
+        reference, model = inputs["reference"], inputs["model"]
+        options = params.options(context.threads, params.T_reference_model)
+        try:
+            context.progress(0.0, "preparing")
+            surfaces = _surface(reference, "reference"), _surface(model, "model")
+            alignment = register(*surfaces, options, _report(context))
+        except DataError:
+            raise
+        except ValueError as error:
+            raise DataError(f"cannot register: {error}") from error
+        if not alignment.converged:
+            context.log("warning", f"the registration did not converge: {alignment.reason}")
+        return _product(alignment, reference.id, model.id)
+
+
+class Merge:
+    """Register views in sequence and integrate them in one model without redundancy."""
+
+    name: ClassVar[str] = "merge"
+    version: ClassVar[str] = "1.0.0"
+    summary: ClassVar[str] = "neighbouring views registered and chained, overlaps fused by how well each is seen"
+    inputs: ClassVar[Mapping[str, Any]] = {"views": (RangeImage,), "registrations": (Registration,)}
+    optional: ClassVar[frozenset[str]] = frozenset({"registrations"})
+    output: ClassVar[type] = Model
+
+    class Params(_PairParams, frozen=True, kw_only=True):
+        """Parameters of `merge`."""
+
+        reference: Annotated[int, Meta(ge=0, le=254, description="view whose frame the model takes")] = 0
+        require_convergence: Annotated[
+            bool, Meta(description="false: a view that registers nowhere is left out and said to be")
+        ] = True
+        normal_window_px: Annotated[
+            int, Meta(ge=3, le=31, description="side of the window for normals, odd", extra_json_schema={"units": "px"})
+        ] = 7
+
+    def run(self, inputs: Mapping[str, Any], params: Any, context: Context) -> Model:
+        """Return the model.
+
+        Raises
+        ------
+        DataError
+            views that cannot be registered at all.
+        ConvergenceError
+            a pair did not converge; the message names it.
+        """
+        views: tuple[RangeImage, ...] = tuple(inputs["views"])
+        given: tuple[Registration, ...] = tuple(inputs.get("registrations") or ())
+        report = _report(context)
+        try:
+            surfaces = []
+            for number, view in enumerate(views):
+                report(0.0, f"preparing view {number}")
+                surfaces.append(_surface(view, f"view {number}"))
+            linked = chain(
+                surfaces,
+                params.options(context.threads),
+                params.reference,
+                _known(views, given),
+                params.require_convergence,
+                lambda part, text: report(0.6 * part, text),
+            )
+            return _merged(views, surfaces, linked, params, lambda part, text: report(0.6 + 0.4 * part, text))
+        except ChainBrokenError as error:
+            pair = f"view {error.view} ({views[error.view].id}) to view {error.partner} ({views[error.partner].id})"
+            raise ConvergenceError(
+                f"cannot merge: {pair} does not register: {error.alignment.reason}; give views with more overlap, "
+                "or set require_convergence = false to leave it out"
+            ) from error
+        except DataError:
+            raise
+        except ValueError as error:
+            raise DataError(f"cannot merge: {error}") from error
+
+
+def _known(views: Sequence[RangeImage], given: Sequence[Registration]) -> dict[tuple[int, int], Alignment]:
+    """Return the given registrations by (reference, model), counted as the views are."""
+    number = {view.id: index for index, view in enumerate(views) if view.id}
+    known: dict[tuple[int, int], Alignment] = {}
+    for one in given:
+        if one.reference not in number or one.model not in number:
+            raise DataError(
+                f"a registration joins {one.reference!r} and {one.model!r}; the views are "
+                f"{', '.join(number) or 'nameless'}"
+            )
+        known[number[one.reference], number[one.model]] = Alignment(
+            np.asarray(one.T_reference_model),
+            one.converged,
+            one.reason,
+            one.rms_mm,
+            one.overlap,
+            one.covariance,
+            tuple(
+                Iteration(h.rms_mm, h.pairs, h.threshold_mm, h.rotation_rad, h.translation_mm, h.stage)
+                for h in one.history
+            ),
+        )
+    return known
+
+
+def _merged(
+    views: Sequence[RangeImage], surfaces: Sequence[Surface], linked: Chain, params: Any, report: Report
+) -> Model:
+    placed = sorted(linked.T_model_view)
+    poses = np.array([linked.T_model_view[i] for i in placed])
+    cloud = merge(
+        [surfaces[i] for i in placed], [views[i].intensity for i in placed], poses, params.normal_window_px, report
+    )
+
+    def product(link: Link) -> Registration:
+        return _product(link.alignment, views[link.partner].id, views[link.view].id)
+
+    return Model(
+        points_mm=cloud.points,
+        normals=cloud.normals,
+        intensity=cloud.intensity,
+        views=tuple(views[i].id for i in placed),
+        T_model_view=poses,
+        registrations=tuple(map(product, linked.links)),
+        view_index=cloud.view_index,
+    )
+
+
+@hookimpl
+def register_processors() -> Sequence[type[Any]]:
+    """Return the processors of this module."""
+    return [Register, Merge]
