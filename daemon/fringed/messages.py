@@ -234,7 +234,7 @@ class WorkerAlive:
 
 @dataclass(frozen=True)
 class JobProgress:
-    """How far a job is, 0 to 1, and in which stage; or a line for the log, at its level."""
+    """How far a job is, 0 to 1, and in which stage; a `fraction` below 0 marks a line for the log."""
 
     job: str
     fraction: float

@@ -30,7 +30,6 @@ class JobContext:
         self._report = report
         self._is_cancelled = is_cancelled
         self._job, self._stage, self._index, self._count = place
-        self._fraction = self._index / self._count
         self._next_s = 0.0
 
     def progress(self, fraction: float, text: str = "") -> None:
@@ -40,8 +39,8 @@ class JobContext:
         if now < self._next_s:
             return
         self._next_s = now + _PROGRESS_INTERVAL_S
-        self._fraction = (self._index + min(max(float(fraction), 0.0), 1.0)) / self._count
-        self._report(JobProgress(self._job, self._fraction, text or self._stage, "info", self._stage))
+        whole = (self._index + min(max(float(fraction), 0.0), 1.0)) / self._count
+        self._report(JobProgress(self._job, whole, text or self._stage, "info", self._stage))
 
     def check_cancelled(self) -> None:
         """Raise Cancelled when somebody asked to stop."""
@@ -51,4 +50,4 @@ class JobContext:
     def log(self, level: str, text: str) -> None:
         """Log "debug", "info", "warning" or "error"; anything else counts as "info"."""
         known = next((name for name in _LEVELS if name == level), "info")
-        self._report(JobProgress(self._job, self._fraction, text, known, self._stage))  # type: ignore[arg-type]
+        self._report(JobProgress(self._job, -1.0, text, known, self._stage))  # type: ignore[arg-type]

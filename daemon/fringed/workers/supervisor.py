@@ -1,7 +1,8 @@
 """Keep the local workers alive: start, watch, end, start again with growing pauses.
 
 Owns the local processes; tells the dispatcher of each end and carries out its sentences. Never blocks, except
-for `stop`; driven by `tick`, which the reactor calls a few times a second.
+for `stop`; driven by `tick`, which the reactor calls a few times a second, always in the main thread: the kernel
+ends a worker together with the thread that started it.
 """
 
 from __future__ import annotations
@@ -12,9 +13,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from fringed.messages import WorkerState
+from fringed.messages import PluginInfo, QuarantineEntry, WorkerState
 from fringed.workers.dispatch import Dispatcher
 from fringed.workers.process import WorkerProcess
 
@@ -106,6 +107,22 @@ class Supervisor:
             if peer.name not in names
         ]
         return (*local, *remote)
+
+    def plugins(self) -> tuple[PluginInfo, ...]:
+        """Return what the workers loaded, broken plug-ins included."""
+        return self._dispatcher.plugins()
+
+    def schemas(self) -> dict[str, dict[str, Any]]:
+        """Return the JSON Schemas of all parameters, by kind and name."""
+        return self._dispatcher.schemas()
+
+    def quarantined(self) -> tuple[QuarantineEntry, ...]:
+        """Return what is not tried again."""
+        return self._dispatcher.quarantine.entries
+
+    def clear_quarantine(self, subject: str = "") -> int:
+        """Allow a subject (empty: all) again; return how many entries went."""
+        return self._dispatcher.quarantine.clear(subject)
 
     def reload(self, now: float) -> None:
         """Start all workers anew, so that they load changed plug-ins; what they work on is done again."""
