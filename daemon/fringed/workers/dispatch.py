@@ -30,7 +30,7 @@ from fringed.messages import (
     WorkerReady,
     WorkerStop,
 )
-from fringed.workers.jobs import Entry, Limits, Peer, Quarantine, Watcher, subject_of
+from fringed.workers.jobs import Entry, Limits, Peer, Quarantine, Watcher, pipeline_of, subject_of
 
 JobMessage = JobProgress | StageDone | JobDone | JobFailed
 
@@ -63,12 +63,12 @@ class Dispatcher:
         names = [stage.name for stage in job.stages]
         if not names or len(set(names)) != len(names) or job.id in self._entries:
             raise UsageError(f"job {job.id!r} has the stages {names}; it needs one or more, each of its own name")
-        subject = subject_of(job)
-        refused = self._refusal(subject, job.pipeline)
+        subject, pipeline = subject_of(job), pipeline_of(job)
+        refused = self._refusal(subject, pipeline)
         if refused is not None:
             raise Quarantined(refused.message)
         timeout_s = self.limits.job_timeout_s if timeout_s is None else timeout_s
-        self._entries[job.id] = Entry(job, watcher, subject, timeout_s)
+        self._entries[job.id] = Entry(job, watcher, subject, pipeline, timeout_s)
         self._queue.append(job.id)
         self._assign(now)
 
@@ -233,7 +233,7 @@ class Dispatcher:
         if missing:
             self._attempt_failed(entry, ErrorInfo("DataError", f"no answer came from the stages {', '.join(missing)}"))
             return
-        self.quarantine.succeeded(entry.subject, entry.job.pipeline)
+        self.quarantine.succeeded(entry.subject, entry.pipeline)
         self.counters["jobs_done"] += 1
         self._forget(entry)
         entry.watcher.on_done(done)
@@ -252,14 +252,14 @@ class Dispatcher:
 
     def _attempt_failed(self, entry: Entry, error: ErrorInfo) -> None:
         self.counters["attempts_failed"] += 1
-        given_up = self.quarantine.failed(entry.subject, entry.job.pipeline, error.message)
+        given_up = self.quarantine.failed(entry.subject, entry.pipeline, error.message)
         if given_up is None:
             self.counters["jobs_retried"] += 1
             entry.again()
             self._queue.appendleft(entry.job.id)
             return
         self.counters["quarantined"] += 1
-        refused = self._refusal(entry.subject, entry.job.pipeline)
+        refused = self._refusal(entry.subject, entry.pipeline)
         assert refused is not None
         detail = (f"{error.code}: {error.message}", *error.detail)
         self._finish(entry, ErrorInfo(refused.code, refused.message, detail), True)
@@ -268,10 +268,9 @@ class Dispatcher:
         entry = self.quarantine.find(subject, pipeline)
         if entry is None:
             return None
-        where = f"pipeline {pipeline!r}" if pipeline else "these stages"
         return ErrorInfo(
             "Quarantined",
-            f"{subject} with {where} is quarantined after {entry.attempts} failures: {entry.reason}; "
+            f"{subject} with pipeline {pipeline!r} is quarantined after {entry.attempts} failures: {entry.reason}; "
             f"when the cause is gone, allow it again with quarantine.clear",
         )
 
@@ -326,7 +325,7 @@ class Dispatcher:
             entry = self._entries.get(job)
             if entry is None or entry.worker:  # a watcher may have submitted or cancelled meanwhile
                 continue
-            refused = self._refusal(entry.subject, entry.job.pipeline)
+            refused = self._refusal(entry.subject, entry.pipeline)
             if refused is not None:
                 self._finish(entry, refused, True)
                 continue

@@ -44,6 +44,7 @@ class Entry:
     job: Job
     watcher: Watcher
     subject: str
+    pipeline: str
     timeout_s: float
     worker: str = ""
     avoid: str = ""
@@ -150,6 +151,11 @@ def subject_of(job: Job) -> str:
     first = job.stages[0]
     digest = xxhash.xxh3_64_hexdigest(msgspec.json.encode(dict(first.params), order="deterministic", enc_hook=str))
     return f"{first.kind}/{first.plugin}#{digest[:8]}"
+
+
+def pipeline_of(job: Job) -> str:
+    """Name what is done with a job's subject: its pipeline, or the plug-ins of stages that belong to none."""
+    return job.pipeline or " > ".join(f"{stage.kind}/{stage.plugin}" for stage in job.stages)
 
 
 def _ids(value: Any) -> Iterator[str]:

@@ -235,6 +235,18 @@ def test_other_sets_and_other_pipelines_go_on():
     assert bench.jobs_sent() == [("b", "other-pipeline"), ("b", "other-set")]
 
 
+def test_stages_outside_pipelines_are_quarantined_by_their_plugins():
+    bench = Bench()
+    bench.submit(job("j", pipeline=""))
+    for _ in range(3):
+        bench.ready("a")
+        bench.it.lost("a", "died", bench.now)
+    [entry] = bench.it.quarantine.entries
+    assert entry.pipeline == "processor/decode"
+    bench.submit(job("k", pipeline="", plugins=("triangulate",)))
+    assert bench.it.waiting == 1
+
+
 def test_queued_job_of_a_subject_quarantined_meanwhile_is_refused():
     bench = Bench()
     bench.submit(job("j"))
