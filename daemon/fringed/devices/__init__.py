@@ -1,1 +1,1 @@
-"""The devices' drivers: each builds on bytes (protocols, transports) or, simulated, on the simulation."""
+"""The devices that the daemon's acquisition thread drives, and nobody else."""

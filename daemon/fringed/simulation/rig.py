@@ -1,0 +1,214 @@
+"""The simulated rig: a scene, a display and a sensor on one clock.
+
+Owns what is in front of the devices and what light falls on the sensor; the devices themselves are in
+`fringed.devices`. Safe to use from several threads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections import OrderedDict
+from functools import cached_property
+from math import cos, pi
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from fringed.config.simulated import SceneConfig, SimulationConfig
+from fringed.data import Array, Calibration, CameraSettings, Channel, Mesh, PatternSequence, Truth
+from fringed.errors import DeviceError
+from fringed.simulation import optics
+from fringed.simulation.clock import VirtualClock
+from fringed.simulation.display import Display, Picture
+from fringed.simulation.faults import Faults
+from fringed.simulation.frames import exposed
+from fringed.simulation.geometry import Geometry, blur_sigmas_px, trace, truth_of
+from fringed.simulation.light import Light, channel_mix, light_of, widened
+from fringed.simulation.scene import REFERENCE, Scene, build_scene, reference_solid, solid_of
+from fringed.simulation.sensor import Sensor
+from fringed.simulation.tone import response
+
+_POSES_KEPT = 2  # the object and the reference plane: some 40 MB each at full size
+_LIGHTS_KEPT = 6
+
+
+class SimulatedRig:
+    """Everything that a simulated camera and projector share.
+
+    Raises
+    ------
+    ConfigurationError, DataError
+        the configured scene cannot be.
+    """
+
+    def __init__(self, config: SimulationConfig, mesh: Mesh | None = None) -> None:
+        self.config = config
+        self.clock = VirtualClock(config.real_time)
+        self.faults = Faults(config.faults, config.seed)
+        self.sensor = Sensor(config)
+        self._idle = Picture(np.zeros((1, 1, 1), np.uint8))
+        self.display = Display(config.projector, self.clock, self._idle)
+        self._sigmas = blur_sigmas_px(config)
+        self._response = response(config.projector)
+        self._lock = threading.RLock()
+        self._geometries: OrderedDict[Any, Geometry] = OrderedDict()
+        self._lights: OrderedDict[tuple[Picture, Channel], Light] = OrderedDict()
+        self._pictures: tuple[Picture, ...] = ()
+        self._role = ""
+        self._set_start_s = self.clock.now()
+        self.counter = 0  # of the camera: it never starts again, so that no two frames have the same noise
+        self._scene = self._built(config.scene, mesh)
+
+    @cached_property
+    def identity(self) -> str:
+        """A name that is another one when lenses, their places or their sizes are."""
+        sizes = (self.config.sensor.width_px, self.config.sensor.height_px,
+                 self.config.projector.width_px, self.config.projector.height_px)  # fmt: skip
+        digest = hashlib.sha256(msgspec.json.encode((self.config.geometry, sizes))).hexdigest()[:8]
+        return f"simulated-{digest}"
+
+    def calibration(self) -> Calibration:
+        """Return the calibration that describes this rig without error; it does not change with the scene."""
+        return self._calibration
+
+    @cached_property
+    def _calibration(self) -> Calibration:
+        return optics.exact_calibration(self.config, self.identity)
+
+    # The scene.
+
+    def set_scene(self, config: SceneConfig, mesh: Mesh | None = None) -> None:
+        """Put another scene in front of the rig; `mesh` is the object that a plug-in made.
+
+        Raises
+        ------
+        ConfigurationError, DataError
+            the scene cannot be; the old one stays.
+        """
+        scene = self._built(config, mesh)
+        with self._lock:
+            self._scene = scene
+            self._geometries.clear()
+
+    def _built(self, config: SceneConfig, mesh: Mesh | None) -> Scene:
+        return build_scene(config, self.config.geometry.working_distance_mm, mesh)
+
+    @property
+    def scene(self) -> SceneConfig:
+        """The scene in front of the rig."""
+        return self._scene.config
+
+    def truth(self) -> Truth:
+        """Return what every pixel sees, for the role of the last set; a moving object stands where the set began."""
+        with self._lock:
+            geometry = self._geometry(self._set_start_s)
+            scene = {**msgspec.to_builtins(self._scene.config), "role": self._role}
+        return truth_of(self.config, geometry, scene)
+
+    def _geometry(self, time_s: float) -> Geometry:
+        scene = self._scene
+        moved = np.zeros(3)
+        if scene.moves and self._role != REFERENCE:
+            moved = np.array(scene.config.velocity_mm_s) * (time_s - self._set_start_s)
+        key = (self._role == REFERENCE, *moved)
+        if key not in self._geometries:
+            pose = scene.T_camera_object(moved)
+            solid = reference_solid(self.config) if self._role == REFERENCE else solid_of(scene, pose)
+            light = (scene.config.specular, scene.config.ambient)
+            self._geometries[key] = trace(self.config, solid, light, self.sensor.sensitivity, pose)
+        self._geometries.move_to_end(key)
+        while len(self._geometries) > (1 if scene.moves else _POSES_KEPT):
+            self._geometries.popitem(last=False)
+        return self._geometries[key]
+
+    # The projector.
+
+    def load(self, sequence: PatternSequence, role: str) -> None:
+        """Prepare a set's patterns; a moving object starts from its place. "reference" shows the reference plane.
+
+        Raises
+        ------
+        DeviceError
+            the patterns are made for a projector of another size.
+        """
+        optics_ = self.config.projector
+        size = (optics_.width_px, optics_.height_px)
+        if (sequence.width_px, sequence.height_px) != size:
+            raise DeviceError(
+                f"the patterns are {sequence.width_px} x {sequence.height_px}; the simulated projector is "
+                f"{size[0]} x {size[1]}: encode them for it"
+            )
+        with self._lock:
+            self._pictures = tuple(Picture(pattern) for pattern in sequence.patterns)
+            self._role = role
+            self._set_start_s = self.clock.now()
+
+    def show(self, index: int) -> float:
+        """Show pattern `index` of the loaded set and return the time of its flip."""
+        if not 0 <= index < len(self._pictures):
+            raise DeviceError(f"pattern {index} is asked for; {len(self._pictures)} are loaded")
+        late_s = self.config.sensor.period_s if self.faults.strikes("late") else 0.0
+        return self.display.show(self._pictures[index], late_s)
+
+    def idle(self) -> None:
+        """Show black."""
+        self.display.show(self._idle)
+
+    # The camera.
+
+    def image(self, start_s: float, end_s: float, settings: CameraSettings, counter: int) -> Array:
+        """Return the frame that integrates from `start_s` to `end_s`, with the faults that the light may have."""
+        shares = self.display.weights(start_s, end_s)
+        settled = start_s >= self.display.settled_s
+        torn = settled and self.faults.strikes("torn")
+        if settled and self.faults.strikes("blended"):
+            old = self.faults.draw("blended", 0.3, 0.7)
+            shares = [((1 - old) * share, picture) for share, picture in shares]
+            shares.append((old, self.display.previous()))
+        with self._lock:
+            geometry = self._geometry((start_s + end_s) / 2)
+            electrons = self._electrons(geometry, shares, (start_s, end_s), settings)
+            if torn:
+                old_light = self._electrons(geometry, [(1.0, self.display.previous())], (start_s, end_s), settings)
+                tear_px = self.faults.draw("torn", 0.4, 0.6) * self.config.projector.height_px
+                electrons = np.where(geometry.row < tear_px, electrons, old_light)
+        return self.sensor.digitise(electrons, settings, counter)
+
+    def _electrons(
+        self,
+        geometry: Geometry,
+        shares: list[tuple[float, Picture]],
+        span_s: tuple[float, float],
+        settings: CameraSettings,
+    ) -> Array:
+        lights = [(share, self._light(picture, settings.channel)) for share, picture in shares]
+        white = self.sensor.electrons((span_s[1] - span_s[0]) * 1e6)
+        return exposed(geometry, lights, (white * self._flicker(*span_s), white), self.config.sensor.blur_px)
+
+    def _light(self, picture: Picture, channel: Channel) -> Light:
+        key = (picture, channel)
+        if key not in self._lights:
+            mix = channel_mix(self.config.sensor.crosstalk, channel)
+            pattern = widened(picture.pattern, self.config.projector.width_px)
+            displaced = self.config.projector.misconvergence_px
+            self._lights[key] = light_of(pattern, mix, self._response, (self._sigmas, displaced))
+        self._lights.move_to_end(key)
+        while len(self._lights) > _LIGHTS_KEPT:
+            self._lights.popitem(last=False)
+        return self._lights[key]
+
+    def _flicker(self, start_s: float, end_s: float) -> float:
+        """Return the lamp's mean brightness over an exposure; it swings at twice the mains."""
+        omega = 2 * pi * 2 * self.config.projector.mains_hz
+        swing = (cos(omega * start_s) - cos(omega * end_s)) / (omega * (end_s - start_s))
+        return 1 + self.config.projector.flicker * swing
+
+    def warm_up(self) -> None:
+        """Compute now what the first frame would wait for: compiled kernels, fixed pattern, geometry."""
+        with self._lock:
+            settings = self.sensor.in_force(CameraSettings(channel="green"))
+            geometry = self._geometry(self.clock.now())
+            electrons = self._electrons(geometry, [(1.0, self._idle)], (0.0, 1e-3), settings)
+        self.sensor.digitise(electrons, settings, 0)

@@ -1,0 +1,99 @@
+"""The camera's sensor: photons to electrons to numbers, with the noise that this brings.
+
+Owns full well, gain, noise and quantisation; knows nothing of what is in front of the lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from fringed.config.simulated import SimulationConfig
+from fringed.data import Array, CameraSettings, Float32Array
+from fringed.errors import UsageError
+from fringed.simulation.rows import for_rows
+
+REFERENCE_SIGNAL = 0.8  # of the full well: a white plane at the working distance after the reference exposure
+_MASK = (1 << 64) - 1
+
+
+class Sensor:
+    """One sensor, its fixed pattern drawn from the simulation's seed."""
+
+    def __init__(self, config: SimulationConfig) -> None:
+        self._config = config
+        self.shape = (config.sensor.height_px, config.sensor.width_px)
+
+    def in_force(self, asked: CameraSettings) -> CameraSettings:
+        """Return the settings that the sensor takes, with what it knows of its noise.
+
+        Unquantised frames (`quantise = false`) have 16 bits whatever was asked.
+
+        Raises
+        ------
+        UsageError
+            an exposure or a number of bits that the sensor has not.
+        """
+        if not asked.exposure_us > 0:
+            raise UsageError(f"an exposure of {asked.exposure_us} us is asked; it must be more than 0")
+        if not 8 <= asked.bits <= 16:
+            raise UsageError(f"frames of {asked.bits} bits are asked; the simulated sensor gives 8 to 16")
+        bits = asked.bits if self._config.quantise else 16
+        sensor = self._config.sensor
+        return replace(
+            asked,
+            bits=bits,
+            electrons_per_dn=sensor.full_well_electrons / (2**bits - 1) / 10 ** (asked.gain_db / 20),
+            read_noise_electrons=sensor.read_noise_electrons if self._config.noise else 0.0,
+        )
+
+    @cached_property
+    def sensitivity(self) -> Float32Array:
+        """Each pixel's relative gain (height, width): 1 with PRNU."""
+        if not self._config.noise:
+            return np.ones(self.shape, np.float32)
+        drawn = np.random.Generator(np.random.Philox(self.key(1))).standard_normal(self.shape, np.float32)
+        return np.asarray(1 + np.float32(self._config.sensor.prnu) * drawn, dtype=np.float32)
+
+    @cached_property
+    def _fixed(self) -> Float32Array:
+        """Each pixel's own dark electrons (height, width)."""
+        drawn = np.random.Generator(np.random.Philox(self.key(2))).standard_normal(self.shape, np.float32)
+        return np.asarray(np.float32(self._config.sensor.dsnu_electrons) * drawn, dtype=np.float32)
+
+    def electrons(self, exposure_us: float) -> float:
+        """Return the mean electrons of a white plane at the working distance, before it saturates."""
+        sensor = self._config.sensor
+        return REFERENCE_SIGNAL * sensor.full_well_electrons * exposure_us / sensor.reference_exposure_us
+
+    def digitise(self, electrons: Float32Array, settings: CameraSettings, counter: int) -> Array:
+        """Return the frame, uint8 up to 8 bits and uint16 above; noise depends on seed, counter and pixel only."""
+        from fringed.simulation.frame_kernels import digitise_rows
+
+        sensor, noisy = self._config.sensor, self._config.noise
+        top = float(2**settings.bits - 1)
+        numbers = (
+            sensor.dark_electrons_per_s * settings.exposure_us * 1e-6,
+            sensor.read_noise_electrons**2,
+            sensor.full_well_electrons,
+            settings.electrons_per_dn,
+            sensor.offset_dn * top / 255.0,
+            top,
+            float(noisy),
+        )
+        fixed = self._fixed if noisy else np.zeros((0, 0), np.float32)
+        out = np.empty(electrons.shape, np.uint16)
+        key = np.uint64(self.key(3, counter))
+        for_rows(len(out), lambda first, end: digitise_rows((first, end), electrons, fixed, key, numbers, out))
+        return out.astype(np.uint8) if settings.bits <= 8 else out
+
+    def key(self, *stream: int) -> int:
+        """Return 64 bits that depend on the seed and on what is drawn with them."""
+        key = self._config.seed & _MASK
+        for part in stream:
+            key = (key ^ (part & _MASK)) * 0x9E3779B97F4A7C15 & _MASK
+            key = (key ^ (key >> 32)) * 0xD6E8FEB86659FD93 & _MASK
+            key ^= key >> 29
+        return key

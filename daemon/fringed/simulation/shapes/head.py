@@ -1,0 +1,173 @@
+"""A head with nose, eyes, brows, lips, chin and ears: a face that nobody has.
+
+Owns the model, made of blended ellipsoids and capsules and sampled along rays from its middle, so that it is closed
+and one piece. `seed` varies the proportions; the same seed gives the same head everywhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from fringed.data import Array, Float32Array
+from fringed.simulation.rows import for_rows
+from fringed.simulation.shapes.fields import Points, Vector, bump, capsule, carve, ellipsoid, union
+from fringed.simulation.shapes.shape import Shape, ShapeOptions, grid_faces, mesh_shape
+
+_OUTSIDE_MM = 175.0
+_BOTTOM_MM = -128.0
+
+
+class HeadOptions(ShapeOptions, frozen=True, kw_only=True):
+    """A face-like head, some 240 mm tall, its nose towards z."""
+
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="whose head")] = 0
+    columns: Annotated[int, Meta(ge=24, le=2000, description="vertices around")] = 420
+    rows: Annotated[int, Meta(ge=16, le=2000, description="vertices from crown to neck")] = 310
+
+
+@dataclass(frozen=True)
+class _Proportions:
+    """What differs from person to person; 1 is the mean."""
+
+    width: float = 1.0
+    jaw: float = 1.0
+    nose: float = 1.0
+    nose_width: float = 1.0
+    brow: float = 1.0
+    lips: float = 1.0
+    chin: float = 1.0
+    ears: float = 1.0
+    eyes: float = 1.0
+
+
+def head(options: HeadOptions) -> Shape:
+    """Return the mesh of the head."""
+    spread = np.random.default_rng(options.seed).uniform(-1, 1, 9) if options.seed else np.zeros(9)
+    scale = (0.04, 0.08, 0.12, 0.15, 0.25, 0.15, 0.12, 0.12, 0.04)
+    person = _Proportions(*(1.0 + spread * np.array(scale)))
+    directions = _directions(options.rows, options.columns)
+    coarse = _directions(options.rows // 4 + 2, options.columns // 4)
+    radius = np.full(coarse.shape[:2], _OUTSIDE_MM, np.float32)
+    _approach(radius, coarse, person, 28)
+    start = _grown(radius, directions.shape[:2]) + 3.0
+    _approach(start, directions, person, 9)
+    points = directions * start[..., None]
+    vertices = points.reshape(-1, 3)
+    return mesh_shape(vertices, grid_faces(options.rows, options.columns, closed=True), _albedo(vertices, person))
+
+
+def _directions(rows: int, columns: int) -> Float32Array:
+    """Return unit vectors (rows, columns, 3) from crown to neck, closer to each other on the face."""
+    turn = np.linspace(-np.pi, np.pi, columns, endpoint=False)
+    azimuth = turn - 0.35 * np.sin(turn)
+    polar = np.linspace(1e-3, np.pi - 1e-3, rows)[:, None]
+    polar = polar + 0.12 * np.sin(2 * polar)
+    flat = np.sin(polar)
+    vectors = [flat * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth), flat * np.cos(azimuth)]
+    return np.stack(vectors, axis=-1).astype(np.float32)
+
+
+def _approach(radius: Float32Array, directions: Float32Array, person: _Proportions, steps: int) -> None:
+    """Move along each ray from outside to the surface."""
+    x, y, z = (np.ascontiguousarray(directions[..., axis]) for axis in range(3))
+
+    def block(first: int, end: int) -> None:
+        for _ in range(steps):
+            r = radius[first:end]
+            r -= np.float32(0.95) * _distance((x[first:end] * r, y[first:end] * r, z[first:end] * r), person)
+
+    for_rows(len(radius), block)
+
+
+def _grown(radius: Float32Array, shape: tuple[int, int]) -> Float32Array:
+    """Return the coarse radii on the finer grid, each the largest of its neighbours, so that it stays outside."""
+    padded = np.pad(np.pad(radius, ((0, 0), (1, 1)), mode="wrap"), ((1, 1), (0, 0)), mode="edge")
+    height, width = radius.shape
+    largest = np.max([padded[i : i + height, j : j + width] for i in range(3) for j in range(3)], axis=0)
+    rows = np.rint(np.linspace(0, height - 1, shape[0])).astype(int)
+    columns = np.rint(np.arange(shape[1]) * width / shape[1]).astype(int) % width
+    return np.ascontiguousarray(largest[np.ix_(rows, columns)], dtype=np.float32)
+
+
+def _distance(points: Points, person: _Proportions) -> Array:
+    """Return the distance to the head; it is symmetric, so one side is modelled."""
+    p = (np.abs(points[0]) * np.float32(1 / person.width), points[1], points[2])
+    d = _skull(p, person)
+    d = _eyes(d, p, person)
+    d = _nose(d, p, person)
+    d = _mouth(d, p, person)
+    d = _ears(d, p, person)
+    return np.maximum(d, np.float32(_BOTTOM_MM) - p[1])
+
+
+def _skull(p: Points, person: _Proportions) -> Array:
+    d = ellipsoid(p, (0, 30, -16), (74, 84, 94))
+    d = union(d, ellipsoid(p, (0, -22, 14), (60, 86, 66)), 24)
+    d = union(d, ellipsoid(p, (0, -72, 22), (49 * person.jaw, 36, 47)), 20)
+    d = union(d, ellipsoid(p, (0, -97, 58), (19, 13 * person.chin, 17 * person.chin)), 16)
+    d = union(d, ellipsoid(p, (41, -12, 46), (20, 13, 20)), 16)
+    d = union(d, capsule(p, ((0, -70, -28), (0, -150, -40)), (50, 54)), 18)
+    return d + 2.2 * bump(p, (38, -48, 60), 16)  # the hollow below the cheekbone
+
+
+def _eyes(d: Array, p: Points, person: _Proportions) -> Array:
+    x = 31 * person.eyes
+    d = carve(d, ellipsoid(p, (x, 13, 84), (19, 12, 17)), 14)
+    brow: tuple[Vector, Vector] = ((11, 26, 76), (43, 29, 60))
+    d = union(d, capsule(p, brow, (6.5 * person.brow, 5.0 * person.brow)), 12)
+    d = union(d, ellipsoid(p, (x, 12, 63), (12.5, 12, 12)), 2.5)
+    d = union(d, capsule(p, ((x - 13, 15, 68), (x, 20, 72.5)), (2.6, 3.4)), 4)
+    d = union(d, capsule(p, ((x, 20, 72.5), (x + 14, 14, 64)), (3.4, 2.6)), 4)
+    return union(d, capsule(p, ((x - 12, 7, 68), (x + 12, 6, 65)), (2.4, 2.4)), 5)
+
+
+def _nose(d: Array, p: Points, person: _Proportions) -> Array:
+    out = 8 * (person.nose - 1) * 4
+    wide = person.nose_width
+    d = union(d, capsule(p, ((0, 24, 77), (0, -16, 97 + out)), (5.0, 7.0 * wide)), 12)
+    d = union(d, ellipsoid(p, (0, -20, 98 + out), (10 * wide, 9, 11)), 7)
+    d = union(d, ellipsoid(p, (12 * wide, -24, 86 + out / 2), (7.5 * wide, 7.5, 11)), 5)
+    return carve(d, ellipsoid(p, (6.5 * wide, -32, 93 + out), (3.6, 5, 6)), 3)
+
+
+def _mouth(d: Array, p: Points, person: _Proportions) -> Array:
+    full = person.lips
+    d = union(d, ellipsoid(p, (0, -56, 66), (30, 20, 19)), 14)
+    d = d + 1.8 * bump(p, (0, -42, 86), 5)  # the groove between nose and lip
+    d = union(d, capsule(p, ((0, -52.5, 83.5), (23, -57.5, 74)), (4.4 * full, 2.2)), 3)
+    d = union(d, capsule(p, ((0, -62, 82.5), (20, -59.5, 75)), (5.4 * full, 2.4)), 3)
+    d = carve(d, capsule(p, ((0, -57, 89.5), (26, -58.5, 76.5)), (1.5, 1.3)), 2.5)
+    return d + 3.2 * bump(p, (0, -75, 80), 9)  # the hollow above the chin
+
+
+def _ears(d: Array, p: Points, person: _Proportions) -> Array:
+    size = person.ears
+    x, y, z = p[0] - np.float32(77), p[1] - np.float32(2), p[2] + np.float32(14)
+    lean, out, scale = np.float32(0.22), np.float32(0.28), np.float32(1 / size)
+    q = ((x + out * z) * scale, (y - lean * z) * scale, (z + lean * y) * scale)
+    ear = ellipsoid(q, (0, 0, 0), (6.5, 32, 19))
+    ear = carve(ear, ellipsoid(q, (7.5, 4, 2), (6.5, 22, 12)), 3)
+    ear = union(ear, ellipsoid(q, (1, -2, 11), (4, 6, 4)), 4)
+    return union(d, size * ear, 6)
+
+
+def _albedo(points: Array, person: _Proportions) -> Float32Array:
+    """Return skin that is 1, with darker lips, brows and irises, and a scalp a little darker."""
+    p = (np.abs(points[:, 0]) / np.float32(person.width), points[:, 1], points[:, 2])
+    x = 31 * person.eyes
+    front = p[2] > 40
+    tint = np.ones(len(points), np.float32)
+    tint -= 0.25 * _step(-ellipsoid(p, (0, -57.5, 80), (24, 9 * person.lips, 16)), 1.0) * front
+    brow = _step(-capsule(p, ((10, 31, 78), (42, 34, 62)), (4.5, 3.0)) + 3.0, 1.2)
+    tint -= 0.35 * brow * front
+    tint -= 0.45 * _step(5.5 - np.hypot(p[0] - x, p[1] - 13), 0.6) * front
+    scalp = _step(p[1] - 62 + 0.9 * np.minimum(p[2], 40) * 0.9, 6.0)
+    return np.asarray(tint - 0.15 * scalp * (p[2] < 64), dtype=np.float32)
+
+
+def _step(value: Array, softness: float) -> Array:
+    return np.clip(value / (2 * softness) + 0.5, 0, 1)
