@@ -84,7 +84,8 @@ class Address:
         folder = runtime_dir(text.removeprefix("ipc://").removesuffix("/control"))
         if len(str(folder / "control")) > IPC_PATH_MAX:
             raise UsageError(
-                f"the runtime folder {folder} makes a socket path of more than {IPC_PATH_MAX} characters; use a shorter one"
+                f"the runtime folder {folder} makes a socket path of more than {IPC_PATH_MAX} characters; "
+                "use a shorter one"
             )
         return cls(endpoint(folder, "control"), str(folder))
 

@@ -137,6 +137,7 @@ class Station:
         stages: Mapping[str, Mapping[str, Any]] | None = None,
         frame_sets: Mapping[str, str] | None = None,
         truth: bool | None = None,
+        process: bool | None = None,
         on_progress: OnProgress | None = None,
         timeout_s: float = JOB_TIMEOUT_S,
     ) -> ScanResult:
@@ -154,6 +155,8 @@ class Station:
             recorded sets to use for a role instead of taking it, such as yesterday's reference.
         truth
             record what the simulated rig knows as well.
+        process
+            False: only take and record the sets, such as a reference for later.
         on_progress
             called with each new ScanState.
 
@@ -167,7 +170,7 @@ class Station:
         asked = {
             "pipeline": pipeline, "preset": preset, "roles": list(roles) if roles else None,
             "encoder_params": encoder_params, "camera": camera, "stages": stages, "frame_sets": frame_sets,
-            "truth": truth,
+            "truth": truth, "process": process,
         }  # fmt: skip
         return self._submit("scan", asked, timeout_s, on_progress)
 

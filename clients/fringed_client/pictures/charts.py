@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from fringed.data import Array, Registration
 from fringed_client.pictures.figures import ACCENT, FAINT, INK, colour_bar, figure, labelled, save, thinned, titled
@@ -31,7 +32,7 @@ def draw_convergence(path: Path, registrations: Sequence[Registration], simulate
     axes.set_yscale("log")
     axes.grid(True, which="both", linewidth=0.3, color="#d9d9d4")
     axes.legend(fontsize=8, frameon=False)
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     titled(axes, "convergence of the registration", simulated)
     labelled(axes, "iteration", "RMS distance / mm")
     return save(drawn, path)

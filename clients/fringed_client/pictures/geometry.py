@@ -18,9 +18,9 @@ def grid_normals(xyz_mm: Array, window: int = 5) -> Float32Array:
     """
     valid = np.isfinite(xyz_mm[..., 2])
     weight = cv2.blur(valid.astype(np.float32), (window, window))
-    smooth = cv2.blur(np.where(valid[..., None], xyz_mm, 0).astype(np.float32), (window, window))
+    smooth: Array = cv2.blur(np.where(valid[..., None], xyz_mm, 0).astype(np.float32), (window, window))
     with np.errstate(invalid="ignore", divide="ignore"):
-        smooth /= weight[..., None]
+        smooth = smooth / weight[..., None]
     smooth[weight < 0.5] = np.nan
     across, down = np.full_like(smooth, np.nan), np.full_like(smooth, np.nan)
     across[:, 1:-1] = smooth[:, 2:] - smooth[:, :-2]

@@ -29,7 +29,7 @@ _REASONS = {
 }
 
 
-def draw_map(  # noqa: PLR0913  a map is its values, their colours and their words
+def draw_map(
     path: Path,
     values: Array,
     title: str,

@@ -156,5 +156,5 @@ def _scaled(
     rgb = soft * large + (1 - soft) * PAPER
     values = None
     if mean is not None:
-        values = np.asarray(cv2.resize(mean.astype(np.float32), size, interpolation=cv2.INTER_NEAREST))
+        values = np.asarray(cv2.resize(mean.astype(np.float32), size, interpolation=cv2.INTER_NEAREST), np.float32)
     return Rendering((rgb * 255 + 0.5).astype(np.uint8), extent, soft[..., 0] > 0.5, values)

@@ -27,13 +27,21 @@ def draw_views(
     folder: Path, surface: RangeImage | Model, width_px: int = 640, names: tuple[str, ...] = tuple(VIEWS)
 ) -> Mapping[str, Path]:
     """Draw the shaded views into `folder` as `shaded-<view>.png`; returns their paths by view."""
-    points, normals = points_of(surface)
-    simulated = surface.provenance.simulated
-    drawn = {}
-    for name in names:
-        rendering = render_points(points, normals, VIEWS[name], width_px)
-        drawn[name] = _draw_rendering(folder / f"shaded-{name}.png", rendering, VIEWS[name], simulated)
-    return drawn
+    cloud = points_of(surface)
+    return {name: draw_view(folder / f"shaded-{name}.png", surface, name, width_px, cloud) for name in names}
+
+
+def draw_view(
+    path: Path,
+    surface: RangeImage | Model,
+    name: str,
+    width_px: int = 640,
+    cloud: tuple[Array, Array] | None = None,
+) -> Path:
+    """Draw one shaded view: "x-y", "y-z", "x-z" or "oblique"; `cloud` is what `points_of` gave, where it is known."""
+    points, normals = cloud or points_of(surface)
+    rendering = render_points(points, normals, VIEWS[name], width_px)
+    return _draw_rendering(path, rendering, VIEWS[name], surface.provenance.simulated)
 
 
 def points_of(surface: RangeImage | Model) -> tuple[Array, Array]:
@@ -75,7 +83,7 @@ def _scale_bar(axes: Any, rendering: Rendering) -> None:
     )
 
 
-def draw_painted(  # noqa: PLR0913  a painted surface is its points, their values and their words
+def draw_painted(
     path: Path,
     points_mm: Array,
     normals: Array,

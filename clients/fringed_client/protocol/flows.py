@@ -189,6 +189,6 @@ def register_params(
     if len(views) < 2 or (not merge and len(views) != 2):
         wanted = "two or more views" if merge else "exactly two views, reference and model"
         raise UsageError(f"{len(views)} view(s) given; registration needs {wanted}")
-    stages = registration_stages(processor or ("merge" if merge else "icp"), params, merge)
+    stages = registration_stages(processor or ("merge" if merge else "register"), params, merge)
     inputs = {"views": list(views)} if merge else {"reference": views[0], "model": views[1]}
     return {"stages": stages, "inputs": inputs}

@@ -1,0 +1,183 @@
+"""`fringe process`, `simulate` and `register`: work that needs no running station."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fringed_client.cli import output
+from fringed_client.cli.options import Options, common, pairs, staged, triple
+from fringed_client.cli.records import _CONFIG, ID
+
+if TYPE_CHECKING:
+    from fringed.data import FrameSet
+    from fringed_client.results import ScanResult
+    from fringed_client.station import Station
+
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+@click.command("process")
+@click.argument("sources", nargs=-1, required=True, metavar="FOLDER|[ROLE=]ID...")
+@click.option("--pipeline", help="The station's pipeline; chosen by the sets when left out.")
+@click.option("--param", "params", multiple=True, callback=staged, metavar="STAGE.KEY=VALUE", help="Of a stage.")
+@click.option("--calibration", metavar="ID|FILE", help="Other than the capture's own or the station's.")
+@click.option("--output", "-o", "folder", type=_FOLDER, help="Write what was made.")
+@click.option("--timeout", default=300.0, show_default=True, type=click.FloatRange(min=1), help="Seconds.")
+@_CONFIG
+@common
+def process_command(
+    sources: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, timeout: float, **wish: Any
+) -> None:
+    """Run a pipeline on recordings, or on a folder of images that a capture.toml describes.
+
+    Ids are given with their roles where a pipeline needs several: reference=ID object=ID.
+    """
+    from fringed_client.cli.scanning import report
+    from fringed_client.private import any_station
+
+    inputs, plan = _inputs(sources, wish["calibration"])
+    with any_station(options.station, output.say, config) as station, output.steps() as steps:
+        asked = _plan(station, inputs, plan, wish["pipeline"])
+        result = station.process(inputs, **asked, params=wish["params"] or None,
+                                 on_progress=steps.scan("process"), timeout_s=timeout)  # fmt: skip
+        report(station, result, folder, options)
+
+
+def _inputs(sources: tuple[str, ...], calibration: str | None) -> tuple[dict[str, Any], dict[str, Any] | None]:
+    """Return the job's inputs, and how a capture folder wants to be processed."""
+    from fringed.errors import UsageError
+    from fringed_client.calibration_file import load_calibration
+    from fringed_client.capture import pipeline_of
+    from fringed_client.capture_images import load_capture
+
+    inputs: dict[str, Any] = {}
+    plan = None
+    if calibration:
+        inputs["calibration"] = calibration if ID.match(calibration) else load_calibration(Path(calibration))
+    for source in sources:
+        if Path(source).is_dir():
+            described, sets = load_capture(Path(source))
+            own = described.capture.calibration
+            if own and not calibration:
+                inputs["calibration"] = load_calibration(Path(source) / own)
+            plan = pipeline_of(described, "calibration" in inputs)
+            inputs |= sets
+            continue
+        role, sign, item_id = source.rpartition("=")
+        if not ID.match(item_id):
+            raise UsageError(f"{source!r} is neither a folder nor [ROLE=]ID of a recording; `fringe list` shows ids")
+        inputs[role if sign else "object"] = item_id
+    return inputs, plan
+
+
+def _plan(
+    station: Station, inputs: Mapping[str, Any], plan: dict[str, Any] | None, pipeline: str | None
+) -> dict[str, Any]:
+    """Return which pipeline or stages to run: as asked, as the capture wants, or as the sets' family needs."""
+    if pipeline:
+        return {"pipeline": pipeline}
+    if plan is not None:
+        return plan
+    if "reference" in inputs:
+        return {"pipeline": "thesis"}
+    return {}
+
+
+@click.command("simulate")
+@click.argument("scene", default="face")
+@click.option("--output", "-o", "folder", type=_FOLDER, required=True, help="The capture folder to write.")
+@click.option("--pipeline", default="hierarchical", show_default=True, help="Whose patterns are projected.")
+@click.option("--option", "scene_options", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the scene.")
+@click.option("--rotation", callback=triple, metavar="X,Y,Z", help="Degrees about x, then y, then z.")
+@click.option("--encoder", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the patterns.")
+@click.option("--camera", metavar="WIDTHxHEIGHT", default="1392x1040", show_default=True)
+@click.option("--projector", metavar="WIDTHxHEIGHT", default="1024x768", show_default=True)
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0))
+@click.option("--no-noise", is_flag=True, help="Leave out the sensor's noise.")
+@common
+def simulate_command(folder: Path, options: Options, **wish: Any) -> None:
+    """Write a capture folder of a simulated SCENE with its truth and its exact calibration.
+
+    SCENE is plane, sphere, steps, freeform, face, hand, mesh (with --option path=FILE), or a plug-in's.
+    """
+    from fringed_client.private import PrivateStation
+
+    output.say("simulating with a private station")
+    with PrivateStation(_rig(wish)) as station, output.steps() as steps:
+        result = station.scan(
+            wish["pipeline"], truth=True, encoder_params=wish["encoder"] or None, on_progress=steps.scan("simulate")
+        )
+        files = _write(station, result, folder)
+    if options.json:
+        output.emit({"folder": str(folder), "files": [str(path) for path in files], "simulated": True})
+    else:
+        output.facts({"written  SIMULATED": "\n".join(str(path) for path in files)})
+
+
+def _rig(wish: Mapping[str, Any]) -> dict[str, Any]:
+    from fringed.config import merged
+    from fringed_client.private import SIMULATED_RIG
+
+    scene = {"object": wish["scene"], "options": wish["scene_options"]}
+    if wish["rotation"]:
+        scene["rotation_deg"] = list(wish["rotation"])
+    simulation = {
+        "seed": wish["seed"], "noise": not wish["no_noise"], "scene": scene,
+        "sensor": _size(wish["camera"], "--camera"), "projector": _size(wish["projector"], "--projector"),
+    }  # fmt: skip
+    return merged(SIMULATED_RIG, {"simulation": simulation})
+
+
+def _size(text: str, name: str) -> dict[str, int]:
+    width, _, height = text.lower().partition("x")
+    if not width.isdigit() or not height.isdigit():
+        raise click.BadParameter(f"{text!r}; expected WIDTHxHEIGHT in pixels, such as 1392x1040", param_hint=name)
+    return {"width_px": int(width), "height_px": int(height)}
+
+
+def _write(station: Station, result: ScanResult, folder: Path) -> list[Path]:
+    from fringed_client.calibration_file import calibration_of, save_calibration
+    from fringed_client.capture_write import write_capture, write_truth
+    from fringed_client.files import make_folder
+
+    make_folder(folder)
+    sets: dict[str, FrameSet] = dict(result.frame_sets)
+    calibration = save_calibration(calibration_of(station), folder / "calibration.json")
+    files = [write_capture(folder, sets, calibration.name), calibration]
+    for product in result.state.products:
+        if product["kind"] == "Truth":
+            role = product.get("role") or "object"
+            name = "truth.npz" if role == "object" else f"truth-{role}.npz"
+            files.append(write_truth(folder / name, station.get(product["id"])))
+    return files
+
+
+@click.command("register")
+@click.argument("views", nargs=-1, required=True, metavar="ID...")
+@click.option("--merge/--pair", default=True, show_default=True, help="One model of all, or one pair's transform.")
+@click.option("--processor", help="Another variant than `merge` or `register`.")
+@click.option("--param", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the processor.")
+@click.option("--output", "-o", "folder", type=_FOLDER, help="Write what was made.")
+@_CONFIG
+@common
+def register_command(
+    views: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, **wish: Any
+) -> None:
+    """Bring range images together; the first one is the reference.
+
+    Takes ids of range images, or recordings (.h5) of them.
+    """
+    from fringed_client.calibration_file import load_recording
+    from fringed_client.cli.scanning import report
+    from fringed_client.private import any_station
+
+    given = [view if ID.match(view) else load_recording(Path(view)) for view in views]
+    with any_station(options.station, output.say, config) as station, output.steps() as steps:
+        result = station.register(
+            given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register")
+        )
+        report(station, result, folder, options)

@@ -1,0 +1,150 @@
+"""`fringe list`, `get`, `export` and `view`: what is recorded, and files and pictures of it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fringed_client.cli import output
+from fringed_client.cli.options import Options, common, pairs
+
+ID = re.compile(r"^\d{8}T\d{6}\.\d{6}Z-[0-9a-f]{4}$")
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+_CONFIG = click.option(
+    "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Pipelines and plug-in folders for a private station.",
+)  # fmt: skip
+
+
+@click.command("list")
+@click.option("--kind", help="Such as FrameSet or RangeImage.")
+@click.option("--scan", help="Only what belongs to this scan.")
+@click.option("--limit", default=20, show_default=True, type=click.IntRange(1, 100_000))
+@click.option("--before", metavar="ID", help="Only what is older.")
+@_CONFIG
+@common
+def list_command(config: Path | None, options: Options, **wish: Any) -> None:
+    """List what is recorded, newest first."""
+    from fringed_client.private import any_station
+
+    with any_station(options.station, output.say, config) as station:
+        found = station.list(**wish)
+    if options.json:
+        output.emit(found)
+        return
+    columns = ("id", "kind", "role", "MB", "", "summary")
+    rows = [
+        (
+            r["id"],
+            r["kind"],
+            r.get("role", ""),
+            f"{r['bytes'] / 1e6:.1f}",
+            "SIM" if r["simulated"] else "",
+            r["summary"],
+        )
+        for r in found
+    ]
+    output.table(columns, rows)
+
+
+@click.command("get")
+@click.argument("id")
+@click.option("--output", "-o", "path", type=click.Path(dir_okay=False, path_type=Path),
+              help="A file: .h5 (the recording), .npz, .png, or an exporter's ending.")  # fmt: skip
+@_CONFIG
+@common
+def get_command(id: str, path: Path | None, config: Path | None, options: Options) -> None:
+    """Fetch one recording: its figures, or a file of it."""
+    from fringed_client.private import any_station
+    from fringed_client.saving import save_as
+
+    with any_station(options.station, output.say, config) as station:
+        if path is not None:
+            files = [str(p) for p in save_as(station, id, path)]
+            output.emit({"id": id, "files": files}) if options.json else output.facts({"written": "\n".join(files)})
+            return
+        content = station.get(id)
+    _describe(content, options)
+
+
+def _describe(content: Any, options: Options) -> None:
+    from fringed.tree import split
+    from fringed_client.html import facts
+
+    if options.json:
+        arrays: dict[str, Any] = {}
+        tree = split(content, "", arrays)
+        shapes = {name: {"shape": list(a.shape), "dtype": str(a.dtype)} for name, a in arrays.items()}
+        output.emit({"kind": type(content).__name__, "tree": tree, "arrays": shapes})
+        return
+    provenance = content.provenance
+    mark = "  SIMULATED" if provenance.simulated else ""
+    rows = {"kind": f"{type(content).__name__}{mark}", **facts(content)}
+    rows |= {"made by": f"{provenance.plugin} {provenance.plugin_version}".strip() or "the station"}
+    rows |= {
+        "from": "\n".join(provenance.inputs) or "nothing recorded",
+        "calibration": provenance.calibration or "none",
+    }
+    output.facts(rows)
+
+
+@click.command("export")
+@click.argument("ids", nargs=-1, required=True, metavar="ID...")
+@click.option("--format", "-f", "formats", multiple=True, default=("ply",), show_default=True,
+              help="ply, pcd, xyz, stl, obj, tiff, npz, or a plug-in's; may be given several times.")  # fmt: skip
+@click.option("--param", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the exporter.")
+@click.option("--output", "-o", "folder", type=_FOLDER, default=".", help="Folder of the files.  [default: here]")
+@_CONFIG
+@common
+def export_command(
+    ids: tuple[str, ...],
+    formats: tuple[str, ...],
+    param: dict[str, Any],
+    folder: Path,
+    config: Path | None,
+    options: Options,
+) -> None:
+    """Write products as files of other formats."""
+    from fringed_client.private import any_station
+
+    written: list[str] = []
+    with any_station(options.station, output.say, config) as station:
+        for item_id in ids:
+            for name in formats:
+                written.append(str(station.export(item_id, name, folder / f"{item_id}.{name}", param)))
+    output.emit({"files": written}) if options.json else output.facts({"written": "\n".join(written)})
+
+
+@click.command("view")
+@click.argument("sources", nargs=-1, required=True, metavar="ID|FOLDER...")
+@click.option("--output", "-o", "folder", type=_FOLDER, default="pictures", show_default=True)
+@_CONFIG
+@common
+def view_command(sources: tuple[str, ...], folder: Path, config: Path | None, options: Options) -> None:
+    """Draw pictures: frames, phases, masks, depth, shaded views, convergence.
+
+    A source is the id of a recording, or a capture folder.
+    """
+    from fringed.errors import UsageError
+    from fringed_client.capture_images import load_capture
+    from fringed_client.pictures.gallery import draw_all
+    from fringed_client.private import any_station
+
+    drawn: list[Path] = []
+    ids = [source for source in sources if ID.match(source)]
+    folders = [Path(source) for source in sources if not ID.match(source)]
+    unknown = [str(path) for path in folders if not path.is_dir()]
+    if unknown:
+        raise UsageError(f"{', '.join(unknown)}: neither the id of a recording nor a folder; `fringe list` shows ids")
+    for source in folders:
+        for role, frames in load_capture(source)[1].items():
+            drawn += draw_all(frames, folder / source.name / role)
+    if ids:
+        with any_station(options.station, output.say, config) as station:
+            for item_id in ids:
+                drawn += draw_all(station.get(item_id), folder / item_id)
+    files = [str(path) for path in drawn]
+    output.emit({"files": files}) if options.json else output.facts({"drawn": "\n".join(files)})

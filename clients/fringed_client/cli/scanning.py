@@ -1,0 +1,110 @@
+"""`fringe scan` and `fringe latency`: what needs the rig. No private station is ever started for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from fringed_client.cli import output
+from fringed_client.cli.options import Options, common, pairs, staged
+
+if TYPE_CHECKING:
+    from fringed_client.results import ScanResult
+    from fringed_client.station import Station
+
+
+@click.command("scan")
+@click.option("--pipeline", help="What to project and how to process; the station's default one when left out.")
+@click.option("--preset", help="A named pipeline with other parameters, such as plaster.")
+@click.option("--roles", help="Sets to take, such as reference,object; all of the pipeline's by default.")
+@click.option(
+    "--use", "used", multiple=True, callback=pairs, metavar="ROLE=ID", help="A recorded set instead of taking it."
+)
+@click.option("--param", "stages", multiple=True, callback=staged, metavar="STAGE.KEY=VALUE", help="Of a stage.")
+@click.option("--encoder", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the patterns.")
+@click.option(
+    "--camera", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Such as exposure_us=8333, channel=red."
+)
+@click.option("--truth", is_flag=True, help="Record what the simulated rig knows as well.")
+@click.option(
+    "--output", "-o", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write what was measured."
+)
+@click.option("--yes", "-y", is_flag=True, help="Do not ask before taking the sets of several roles.")
+@click.option("--timeout", default=300.0, show_default=True, type=click.FloatRange(min=1), help="Seconds.")
+@common
+def scan_command(folder: Path | None, yes: bool, timeout: float, options: Options, **wish: Any) -> None:
+    """Take sets, decode them, and get a range image.
+
+    Ctrl-C cancels the scan on the station.
+    """
+    from fringed_client.station import Station
+
+    with Station(options.station) as station, output.steps() as steps:
+        asked = _asked(wish)
+        if not station.hello.get("simulated") and not yes and not options.json:
+            _prompt(station, asked)
+        result = station.scan(**asked, on_progress=steps.scan("scan"), timeout_s=timeout)
+        report(station, result, folder, options)
+
+
+def _asked(wish: dict[str, Any]) -> dict[str, Any]:
+    roles = wish["roles"]
+    return {
+        "pipeline": wish["pipeline"], "preset": wish["preset"],
+        "roles": [role.strip() for role in roles.split(",") if role.strip()] if roles else None,
+        "frame_sets": wish["used"] or None, "stages": wish["stages"] or None, "encoder_params": wish["encoder"] or None,
+        "camera": wish["camera"] or None, "truth": wish["truth"] or None,
+    }  # fmt: skip
+
+
+def _prompt(station: Station, asked: dict[str, Any]) -> None:
+    """Have a person change what stands before the rig where a pipeline takes sets of several roles."""
+    config = station.config()
+    preset = config["presets"].get(asked["preset"] or "", {})
+    name = asked["pipeline"] or preset.get("pipeline") or config["default_pipeline"]
+    roles = asked["roles"] or config["pipelines"].get(name, {}).get("roles", [])
+    taken = [role for role in roles if role not in (asked["frame_sets"] or {})]
+    for role in taken[:-1]:
+        click.confirm(f"Set {role!r} is taken first: does the rig see the {role}?", default=True, abort=True, err=True)
+        acquired = station.scan(**{**asked, "roles": [role]}, process=False)
+        asked["frame_sets"] = {**(asked["frame_sets"] or {}), role: acquired.state.frame_sets[role]}
+    if len(taken) > 1:
+        click.confirm(f"Now put the {taken[-1]} before the rig. Ready?", default=True, abort=True, err=True)
+        asked["roles"] = [taken[-1]]
+
+
+def report(station: Station, result: ScanResult, folder: Path | None, options: Options) -> None:
+    """Tell what a scan or job has brought, and write it where a folder is given."""
+    from fringed_client.saving import save_result
+
+    files = save_result(station, result, folder) if folder is not None else []
+    if options.json:
+        output.emit({"scan": result.state, "files": [str(path) for path in files]})
+        return
+    state = result.state
+    mark = "  SIMULATED" if station.hello.get("simulated") else ""
+    rows: dict[str, Any] = {state.pipeline or "job": f"{state.id} {state.state}{mark}"}
+    rows |= {f"set {role}": set_id for role, set_id in state.frame_sets.items()}
+    rows |= {str(p.get("stage") or p.get("role") or p["kind"]): f"{p['kind']} {p['id']}" for p in state.products}
+    if state.retakes:
+        rows["retaken"] = f"{state.retakes} sets"
+    rows["seconds"] = ", ".join(f"{name} {seconds:.3f}" for name, seconds in state.timings_s.items())
+    if files:
+        rows["files"] = "\n".join(str(path) for path in files)
+    output.facts(rows)
+
+
+@click.command("latency")
+@common
+def latency_command(options: Options) -> None:
+    """Measure the display-to-camera delay; the station uses it from then on."""
+    from fringed_client.station import Station
+
+    with Station(options.station) as station:
+        state = station.measure_latency().state
+    if options.json:
+        output.emit(state)
+    else:
+        output.facts({"latency": f"{state.timings_s.get('latency', float('nan')) * 1000:.1f} ms"})

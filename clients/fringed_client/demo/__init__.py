@@ -1,0 +1,1 @@
+"""The demonstration: two objects, three views each, measured against the simulator's truth."""

@@ -1,0 +1,71 @@
+"""All the pictures that suit an object, and the one that tells most.
+
+Owns the choice; the drawing is in `maps`, `views` and `charts`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fringed.data import FrameSet, Mesh, Model, PhaseMap, RangeImage, Registration, Truth
+from fringed.errors import UsageError
+from fringed_client.pictures import charts, maps, views
+
+DRAWN = "FrameSet, PhaseMap, RangeImage, Model, Registration and Truth"
+
+
+def draw_all(content: Any, folder: Path) -> list[Path]:
+    """Draw everything that suits an object into `folder`; returns the pictures' paths.
+
+    Raises
+    ------
+    UsageError
+        there are no pictures of this type.
+    """
+    if isinstance(content, FrameSet):
+        last = len(content.frames) - 1
+        return [maps.draw_frame(folder / f"frame-{i:02d}.png", content, i) for i in sorted({0, last // 2, last})]
+    if isinstance(content, PhaseMap):
+        drawn = [maps.draw_wrapped(folder / "wrapped-phase.png", content)]
+        if content.kind != "wrapped":
+            drawn.append(maps.draw_phase(folder / "phase.png", content))
+        drawn.append(maps.draw_modulation(folder / "modulation.png", content))
+        return [*drawn, maps.draw_mask(folder / "mask.png", content.rejected, content.provenance.simulated)]
+    if isinstance(content, RangeImage):
+        sigma = maps.draw_sigma(folder / "sigma.png", content)
+        mask = maps.draw_mask(folder / "mask.png", content.rejected, content.provenance.simulated)
+        drawn = [maps.draw_depth(folder / "depth.png", content), mask, *([sigma] if sigma else [])]
+        return [*drawn, *views.draw_views(folder, content).values()]
+    if isinstance(content, Model):
+        drawn = list(views.draw_views(folder, content).values())
+        if content.registrations:
+            path = folder / "convergence.png"
+            drawn.append(charts.draw_convergence(path, content.registrations, content.provenance.simulated))
+        return drawn
+    return [draw_main(content, folder / f"{type(content).__name__.lower()}.png")]
+
+
+def draw_main(content: Any, path: Path) -> Path:
+    """Draw the picture that tells most of an object.
+
+    Raises
+    ------
+    UsageError
+        there is no picture of this type.
+    """
+    drawers: dict[type, Callable[[], Path]] = {
+        FrameSet: lambda: maps.draw_frame(path, content, len(content.frames) - 1),
+        PhaseMap: lambda: (maps.draw_wrapped if content.kind == "wrapped" else maps.draw_phase)(path, content),
+        RangeImage: lambda: maps.draw_depth(path, content),
+        Model: lambda: views.draw_view(path, content, "oblique"),
+        Registration: lambda: charts.draw_convergence(path, [content], content.provenance.simulated),
+        Truth: lambda: maps.draw_map(
+            path, content.xyz_mm[..., 2], "truth", "z / mm", colours="viridis_r", simulated=True
+        ),
+    }
+    if type(content) not in drawers:
+        hint = "; export it and look at it in a mesh viewer" if isinstance(content, Mesh) else ""
+        raise UsageError(f"there is no picture of a {type(content).__name__}; there are pictures of {DRAWN}{hint}")
+    return drawers[type(content)]()
