@@ -1,0 +1,79 @@
+"""Name the frame and the fault behind a group that fits no sinusoid.
+
+Owns the hypotheses: a frame holds, wholly or in part, in all bands or in some, what the frame before it
+showed. Runs only once something was found wrong; arrays in, findings out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringed.acquisition.sampling import per_band
+from fringed.acquisition.sinusoids import MIN_PIXELS, GroupFit, misfit_of
+from fringed.data import Array, CheckFinding, Float32Array
+
+EXPLAINED = 0.6  # the share of the misfit that a hypothesis must explain
+WHOLE = 0.75  # the share of the earlier frame from which it counts as that frame
+TRACE = 0.15
+
+
+def blame_group(grid: Float32Array, fit: GroupFit, relative: Array, limit: float) -> CheckFinding:
+    """Return the most likely fault of a group whose misfit `relative` (n, bands) exceeds `limit`."""
+    worst = float(relative.max())
+    best = max(((*_held(grid, fit, k), k) for k in range(len(fit.indices))), key=lambda item: item[0])
+    explained, shares, told, position = best
+    frame = fit.indices[position]
+    bands = int((relative.max(axis=0) > limit).sum())
+    measured = f"misfit {worst:.3f} of the modulation, allowed {limit:.3f}, in {bands} of {relative.shape[1]} bands"
+    if explained < EXPLAINED:
+        text = f"frames {_range(fit.indices)} fit no sinusoid ({measured}); did the object move, or the light change?"
+        return CheckFinding("misfit", text, fit.indices)
+    before = f"frame {frame - 1}" if frame else "what was shown before the sequence"
+    seen = shares[told]
+    middle = float(np.median(seen))
+    if np.all(seen >= WHOLE):
+        return CheckFinding("late", f"frame {frame} shows {before} ({measured}); raise acquisition.latency_s", (frame,))
+    if np.any(seen >= 0.5) and np.mean((seen > TRACE) & (seen < WHOLE)) <= 0.25:
+        edge = int(np.argmax(np.abs(np.diff(seen)))) + 1 if len(seen) > 1 else 0
+        text = f"frame {frame} shows {before} in part of its rows, torn near band {edge} of {len(seen)} ({measured})"
+        return CheckFinding("torn", text, (frame,))
+    text = f"frame {frame} holds {middle:.0%} of {before} ({measured}); raise acquisition.latency_s or settle_s"
+    return CheckFinding("blended", text, (frame,))
+
+
+def _held(grid: Float32Array, fit: GroupFit, position: int) -> tuple[float, Array, Array]:
+    """Return how much of frame `position`'s misfit its predecessor explains, its share by band, the bands told."""
+    index, rows, valid = fit.indices[position], fit.rows, fit.valid
+    error = fit.deleted(position)
+    predicted = grid[index].ravel() - error
+    dark = np.float32(np.percentile(grid.min(axis=0), 1))
+    earlier = grid[index - 1].ravel() if index else np.full_like(predicted, dark)
+    towards = earlier - predicted
+    cross = per_band(error * towards * valid, rows)
+    length = np.maximum(per_band(towards * towards * valid, rows), 1e-9)
+    energy = per_band(error * error * valid, rows)
+    told = per_band(valid, rows) >= MIN_PIXELS
+    shares = np.where(told, np.maximum(cross, 0.0) / length, 0.0)
+    explained = float((shares[told] * cross[told]).sum() / max(float(energy[told].sum()), 1e-9))
+    return explained, shares, told
+
+
+def all_late(fits: list[GroupFit], shifted: list[GroupFit], limit: float) -> CheckFinding | None:
+    """Return the finding when every frame shows the pattern before its own.
+
+    `fits` are the groups as ordered, `shifted` the same groups made of the frames one later.
+    """
+    own = [float(misfit_of(fit).relative.max()) for fit in fits if not fit.fits_always]
+    later = [float(misfit_of(fit).relative.max()) for fit in shifted if not fit.fits_always]
+    if not own or not later or min(own) <= limit or max(later) > limit:
+        return None
+    return CheckFinding(
+        "late",
+        f"every frame shows the pattern before its own (misfit {max(own):.3f}, allowed {limit:.3f}); the delay from "
+        "flip to light is longer than assumed: measure it (the latency request), or raise acquisition.latency_s",
+        (0,),
+    )
+
+
+def _range(indices: tuple[int, ...]) -> str:
+    return f"{indices[0]} to {indices[-1]}"

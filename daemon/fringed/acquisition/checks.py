@@ -1,0 +1,162 @@
+"""The station's own check of a frame set, before it is announced.
+
+Owns the verdict and its words. Pure: arrays in, a CheckReport out. `SetCheck` takes each frame when it
+arrives, so that only the judging is left after the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from fringed.acquisition.pictures import Pictures, fit_frames, judged_groups, picture_findings
+from fringed.acquisition.sampling import full_scale, grid_step, noise_of, sample
+from fringed.acquisition.siblings import Repeats
+from fringed.acquisition.sinusoids import GroupFit
+from fringed.config import CheckConfig
+from fringed.data import Array, CameraSettings, CheckFinding, CheckReport, Float32Array, FrameStamp, PatternSequence
+from fringed.errors import DataError
+
+MIN_CONTRAST = 8.0 / 255.0  # of full scale: what a pixel of a set without sinusoids must vary by to be lit
+TICK_S = 1e-6
+
+
+class SetCheck:
+    """Judge one set: `add` each frame, then `finish`."""
+
+    def __init__(self, sequence: PatternSequence, settings: CameraSettings, limits: CheckConfig) -> None:
+        self._sequence, self._settings, self._limits = sequence, settings, limits
+        self._grid: Float32Array | None = None
+        self._have = np.zeros(len(sequence.frames), bool)
+        self._step = 1
+        self._pictures: Pictures | None = None
+        self._fits: dict[tuple[int, ...], GroupFit] = {}
+        self._repeats = Repeats(sequence)
+        self._repeated: dict[int, int] = {}
+
+    def add(self, index: int, image: Array) -> None:
+        """Take frame `index`, `(height, width)`; frames come in order."""
+        pictures = self._pictures or self._begin(image)
+        pictures.grid[index] = sample(image, self._step)
+        self._have[index] = True
+        earlier = self._repeats.find(pictures.grid, index)
+        if earlier is not None:
+            self._repeated[index] = earlier
+        for indices in judged_groups(self._sequence):
+            if index == indices[-1] and self._have[list(indices)].all():
+                self._fits[indices] = fit_frames(pictures, indices)
+
+    def _begin(self, image: Array) -> Pictures:
+        self._step = grid_step(image.shape, self._limits.grid_px)
+        top = full_scale(self._settings, image.dtype)
+        grid = np.zeros((len(self._have), *sample(image, self._step).shape), np.float32)
+        self._pictures = Pictures(
+            grid, self._sequence, noise_of(self._settings, top), top, self._limits.residual_max
+        )  # fmt: skip
+        return self._pictures
+
+    def finish(
+        self, stamps: tuple[FrameStamp, ...], skipped: Mapping[int, int] | None = None, delay_s: float = 0.0
+    ) -> CheckReport:
+        """Return the verdict; `skipped` counts frames that the camera lost, `delay_s` is latency + settling."""
+        skipped = skipped or {}
+        lost = sum(skipped.values())
+        findings = [*_timing_findings(stamps, len(self._have), delay_s), *_dropped(skipped)]
+        if self._pictures is None or not self._have.all():
+            missing = tuple(int(i) for i in np.flatnonzero(~self._have))
+            findings.insert(0, CheckFinding("count", f"no frame came for patterns {missing}", missing))
+            return CheckReport(False, tuple(findings), counters_skipped=lost)
+        fits = list(self._fits.values())
+        grid, top = self._pictures.grid, self._pictures.top
+        saturated = float((grid.max(axis=0) >= top).mean())
+        lit = _lit_fraction(grid, fits, top)
+        wrong, residual = picture_findings(self._pictures, fits, self._repeated)
+        findings += [*self._light_findings(saturated, lit), *wrong]
+        return CheckReport(not findings, tuple(findings), residual, saturated, lit, lost)
+
+    def _light_findings(self, saturated: float, lit: float) -> list[CheckFinding]:
+        findings = []
+        if saturated > self._limits.saturated_max:
+            findings.append(
+                CheckFinding(
+                    "saturated",
+                    f"{saturated:.1%} of the pixels are saturated; checks.saturated_max allows "
+                    f"{self._limits.saturated_max:.1%}; shorten the exposure or close the aperture",
+                )
+            )
+        if lit < self._limits.lit_min:
+            findings.append(
+                CheckFinding(
+                    "unlit",
+                    f"fringes are seen on {lit:.2%} of the pixels; checks.lit_min asks for {self._limits.lit_min:.2%}; "
+                    "is the projector on, its lens cap off, and the object in view?",
+                )
+            )
+        return findings
+
+
+def check_frames(
+    frames: Array,
+    sequence: PatternSequence,
+    settings: CameraSettings,
+    limits: CheckConfig,
+    stamps: tuple[FrameStamp, ...] = (),
+) -> CheckReport:
+    """Judge a whole set `(n, height, width)` at once; without `stamps` its times are not judged.
+
+    Raises
+    ------
+    DataError
+        the frames are no stack with one frame for each pattern.
+    """
+    if frames.ndim != 3 or len(frames) != len(sequence.frames):
+        raise DataError(f"frames have shape {frames.shape}; expected ({len(sequence.frames)}, height, width)")
+    check = SetCheck(sequence, settings, limits)
+    for index, image in enumerate(frames):
+        check.add(index, image)
+    return check.finish(stamps)
+
+
+def _timing_findings(stamps: tuple[FrameStamp, ...], count: int, delay_s: float) -> list[CheckFinding]:
+    if not stamps:
+        return []
+    if len(stamps) != count:
+        return [CheckFinding("count", f"{len(stamps)} frames were stamped; the sequence has {count}")]
+    findings = []
+    for index, (one, other) in enumerate(pairwise(stamps)):
+        if other.counter <= one.counter or other.exposure_start_s <= one.exposure_start_s:
+            text = (
+                f"frame {index + 1} has counter {other.counter} at {other.exposure_start_s:.4f} s, "
+                f"the one before it {one.counter} at {one.exposure_start_s:.4f} s; both have to increase"
+            )
+            findings.append(CheckFinding("order", text, (index + 1,)))
+    for index, stamp in enumerate(stamps):
+        next_flip_s = stamps[index + 1].flip_s if index + 1 < count else np.inf
+        early_s = stamp.flip_s + delay_s - stamp.exposure_start_s
+        over_s = stamp.exposure_end_s - next_flip_s
+        if not (early_s <= TICK_S and over_s <= TICK_S and stamp.exposure_end_s >= stamp.exposure_start_s):
+            text = (
+                f"frame {index} was exposed from {stamp.exposure_start_s:.4f} s to {stamp.exposure_end_s:.4f} s; "
+                f"its pattern was settled from {stamp.flip_s + delay_s:.4f} s to {next_flip_s:.4f} s"
+            )
+            findings.append(CheckFinding("exposure", text, (index,)))
+    return findings
+
+
+def _dropped(skipped: Mapping[int, int]) -> list[CheckFinding]:
+    return [
+        CheckFinding("dropped", f"the camera's counter skipped {count} before frame {index}", (index,))
+        for index, count in sorted(skipped.items())
+        if count
+    ]
+
+
+def _lit_fraction(grid: Float32Array, fits: list[GroupFit], top: float) -> float:
+    if fits:
+        seen = np.stack([(fit.power > (2.0 / 255.0 * top) ** 2) & (fit.power > 9 * fit.variance) for fit in fits])
+        return float(seen.all(axis=0).mean())
+    if len(grid) < 2:
+        return float((grid[0] > MIN_CONTRAST * top).mean())
+    return float((np.ptp(grid, axis=0) > MIN_CONTRAST * top).mean())

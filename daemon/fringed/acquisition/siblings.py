@@ -1,0 +1,96 @@
+"""What is left to judge a group of three frames by: its siblings' background, and its neighbours' pictures.
+
+Owns the comparison of groups and of consecutive frames; arrays in, arrays out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fringed.acquisition.sampling import Noise, per_band
+from fringed.acquisition.sinusoids import MIN_PIXELS, GroupFit, Misfit, relative_misfit
+from fringed.data import Array, Float32Array, PatternSequence
+
+SAME = 0.1  # the share of the expected difference below which two pictures are the same
+MIN_FRINGES = 4.0  # across the panel, below which a small object may well look the same twice
+
+
+def background_misfit(fit: GroupFit, others: list[GroupFit]) -> Misfit:
+    """Return how far the group's background is from its siblings', as the error of one of its frames."""
+    family = others if len(others) == 1 else [fit, *others]  # of three or more, the median outvotes a wrong one
+    reference = np.median(np.stack([member.mean for member in family]), axis=0).astype(np.float32)
+    steps = len(fit.indices)
+    error = (fit.mean - reference) * np.float32(steps)
+    valid = fit.valid * np.prod([other.valid for other in others], axis=0, dtype=np.float32)
+    inflation = np.array([[steps * (1.0 + steps / len(others[0].indices))]])
+    return relative_misfit(per_band(error * error * valid, fit.rows)[None, :], fit, valid, inflation)
+
+
+def background_fringes(fit: GroupFit) -> float:
+    """Return the amplitude of the group's own fringes in its background, as the error of one of its frames.
+
+    The background knows nothing of the fringes when every frame is right. Means nothing unless many
+    fringes cross the object.
+    """
+    keep = fit.valid > 0
+    if keep.sum() < MIN_PIXELS:
+        return 0.0
+    mean, cosine, sine = (a[keep].astype(np.float64) for a in (fit.mean, fit.cosine, fit.sine))
+    columns = np.stack([np.ones_like(mean), np.hypot(cosine, sine), cosine, sine], axis=1)
+    solution = np.linalg.lstsq(columns, mean, rcond=None)[0]
+    return float(len(fit.indices) * np.hypot(solution[2], solution[3]) / 2**0.5)
+
+
+class Repeats:
+    """Find frames that are equal to the last bit although their patterns differ: noise never repeats.
+
+    Frames without any structure (black, or saturated) say nothing.
+    """
+
+    def __init__(self, sequence: PatternSequence) -> None:
+        self._sequence = sequence
+        self._prints: dict[int, float] = {}
+        self._key = np.zeros(0, np.float32)
+
+    def find(self, grid: Float32Array, index: int) -> int | None:
+        """Return the frame before `index` that frame `index` repeats; call it in the frames' order."""
+        flat = grid.reshape(len(grid), -1)
+        if len(self._key) != flat.shape[1]:
+            self._key = np.cos(np.arange(flat.shape[1], dtype=np.float32))
+        mark = self._prints[index] = float(flat[index] @ self._key)
+        for earlier in range(index - 1, -1, -1):
+            if abs(self._prints.get(earlier, np.inf) - mark) > 1e-4 * abs(mark) + 1e-3:
+                continue
+            if _same_pattern(self._sequence, earlier, index) or not np.array_equal(flat[earlier], flat[index]):
+                continue
+            if np.ptp(flat[index]) > 0:
+                return earlier
+        return None
+
+
+def _same_pattern(sequence: PatternSequence, one: int, other: int) -> bool:
+    a, b = sequence.patterns[one], sequence.patterns[other]
+    if sequence.frames[one].channel != sequence.frames[other].channel:
+        return False
+    shape = np.broadcast_shapes(a.shape, b.shape)
+    return bool(np.array_equal(np.broadcast_to(a, shape), np.broadcast_to(b, shape)))
+
+
+def same_as_previous(grid: Float32Array, index: int, fit: GroupFit, expected: float, noise: Noise) -> Array:
+    """Return for each band 1 where frame `index` shows what frame `index - 1` showed, 0 where not, NaN where untold.
+
+    `expected` is the mean squared difference of the two patterns over the squared modulation.
+    """
+    one, other = grid[index - 1].ravel(), grid[index].ravel()
+    variance = (noise.variance(one) + noise.variance(other)) * fit.valid
+    energy = per_band((one - other) ** 2 * fit.valid, fit.rows) - per_band(variance, fit.rows)
+    signal = per_band(fit.power * fit.valid, fit.rows) * expected
+    told = (per_band(fit.valid, fit.rows) >= MIN_PIXELS) & (signal > 4 * per_band(variance, fit.rows))
+    return np.where(told, energy < SAME * np.maximum(signal, 1e-9), np.nan)
+
+
+def fringes_across(sequence: PatternSequence, index: int) -> float:
+    """Return how many fringes of frame `index` cross the panel."""
+    frame = sequence.frames[index]
+    extent = sequence.width_px if frame.orientation == "columns" else sequence.height_px
+    return extent / frame.period_px if frame.period_px > 0 else 0.0
