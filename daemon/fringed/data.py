@@ -98,6 +98,8 @@ def _conform(name: str, value: Any, dtype: np.dtype[Any] | None) -> Any:
         return tuple(_conform(name, item, dtype) for item in value)
     if not isinstance(value, np.ndarray):
         return value
+    if not value.dtype.isnative:
+        value = value.astype(value.dtype.newbyteorder("="))
     if dtype is None or value.dtype == dtype:
         return read_only(value) if value.flags.writeable or not value.flags.c_contiguous else value
     kinds = "buif" if dtype.kind == "f" else "bui"
