@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -200,3 +201,23 @@ def test_stop_leaves_no_process_even_when_a_plugin_sleeps(plugins, tmp_path):
         begun = time.monotonic()
     assert time.monotonic() - begun < 5
     assert not [pid for pid in pids if pid and Path(f"/proc/{pid}").exists()]
+
+
+def test_reload_loads_changed_plugins_with_another_number_of_workers(tmp_path):
+    folder = write_plugins(tmp_path / "plugins", "good")
+    with Rig(tmp_path, folder, count=1) as rig:
+        assert rig.until(lambda: len(rig.dispatcher.peers) == 1)
+        write_plugins(tmp_path / "plugins", "good", "chats")
+        for count in (3, 1):
+            rig.supervisor.reload(time.monotonic(), replace(rig.supervisor.options, count=count))
+            before = {state.pid for state in rig.supervisor.states()}
+            assert rig.until(lambda n=count, old=before: settled(rig, n, old))
+        answer = rig.submit("chats")
+        rig.wait(answer)
+        assert answer.ends == ["done"]
+
+
+def settled(rig: Rig, count: int, before: set[int]) -> bool:
+    states = rig.supervisor.states()
+    new = [state for state in states if state.state == "idle" and state.pid not in before]
+    return len(states) == len(new) == len(rig.dispatcher.peers) == count

@@ -48,6 +48,11 @@ class Dispatcher:
         self._outbox: list[tuple[str, Any]] = []
         self._condemned: list[tuple[str, str]] = []
 
+    def set_limits(self, limits: Limits) -> None:
+        """Apply changed limits to whatever comes from now on."""
+        self.limits = limits
+        self.quarantine.attempts = limits.attempts
+
     # What others ask.
 
     def submit(self, job: Job, watcher: Watcher, now: float, timeout_s: float | None = None) -> None:

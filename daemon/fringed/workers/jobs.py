@@ -105,7 +105,7 @@ class Quarantine:
     """Failures in a row of each (subject, pipeline), and those that are given up."""
 
     def __init__(self, attempts: int) -> None:
-        self._attempts = attempts
+        self.attempts = attempts
         self._failures: dict[tuple[str, str], int] = {}
         self._entries: dict[tuple[str, str], QuarantineEntry] = {}
 
@@ -122,7 +122,7 @@ class Quarantine:
         """Count one failure; return the entry when it was one too many."""
         key = (subject, pipeline)
         count = self._failures[key] = self._failures.get(key, 0) + 1
-        if count < self._attempts:
+        if count < self.attempts:
             return None
         created = datetime.now(UTC).isoformat(timespec="milliseconds")
         del self._failures[key]

@@ -57,6 +57,7 @@ class _Slot:
     memory_mb: float = 0.0
     detail: str = ""
     warm_up: bool = True
+    retired: bool = False
 
 
 @dataclass
@@ -86,6 +87,7 @@ class Supervisor:
         measure = now >= self._next_memory_s
         if measure:
             self._next_memory_s = now + _MEMORY_INTERVAL_S
+        self._slots = [slot for slot in self._slots if slot.process is not None or not slot.retired]
         for slot in self._slots:
             if slot.process is None:
                 if now >= slot.next_start_s:
@@ -124,11 +126,15 @@ class Supervisor:
         """Allow a subject (empty: all) again; return how many entries went."""
         return self._dispatcher.quarantine.clear(subject)
 
-    def reload(self, now: float) -> None:
+    def reload(self, now: float, options: WorkerOptions | None = None) -> None:
         """Start all workers anew, so that they load changed plug-ins; what they work on is done again."""
+        self.options = options or self.options
         self._loading = _Loading(skip=dict(self.options.skip))
+        numbers = {slot.number for slot in self._slots}
+        self._slots += [_Slot(number) for number in range(1, self.options.count + 1) if number not in numbers]
         for slot in self._slots:
             slot.pause_s, slot.next_start_s, slot.warm_up = _FIRST_PAUSE_S, now, self.options.warm_up
+            slot.retired = slot.number > self.options.count
             if slot.process is not None:
                 slot.process.kill("was ended to load its plug-ins anew")
 
