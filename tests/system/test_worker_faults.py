@@ -134,7 +134,7 @@ def test_plugin_that_kills_its_worker_while_loading_is_left_out(tmp_path):
         answer = rig.submit("good")
         rig.wait(answer)
         assert answer.ends == ["done"]
-        [deadly] = [info for info in rig.dispatcher.plugins() if info.name == "deadly"]
+        [deadly] = [info for info in rig.supervisor.plugins() if info.name == "deadly"]
         assert "exited with status 9 while loading plug-in deadly" in deadly.error
 
 

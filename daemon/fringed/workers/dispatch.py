@@ -12,7 +12,6 @@ unset) fails at once and leaves no mark.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
 from typing import Any
 
 from fringed.data import RECORDED
@@ -24,13 +23,14 @@ from fringed.messages import (
     JobDone,
     JobFailed,
     JobProgress,
-    PluginInfo,
     StageDone,
     WorkerAlive,
     WorkerReady,
     WorkerStop,
 )
-from fringed.workers.jobs import Entry, Limits, Peer, Quarantine, Watcher, pipeline_of, subject_of
+from fringed.workers.jobs import Entry, Limits, Watcher, pipeline_of, subject_of
+from fringed.workers.quarantine import Quarantine
+from fringed.workers.roster import Peer, Roster
 
 JobMessage = JobProgress | StageDone | JobDone | JobFailed
 
@@ -42,7 +42,7 @@ class Dispatcher:
         self.limits = limits or Limits()
         self.quarantine = Quarantine(self.limits.attempts)
         self.counters: Counter[str] = Counter()
-        self.peers: dict[str, Peer] = {}
+        self.peers = Roster()
         self._entries: dict[str, Entry] = {}
         self._queue: deque[str] = deque()
         self._outbox: list[tuple[str, Any]] = []
@@ -69,7 +69,7 @@ class Dispatcher:
         if not names or len(set(names)) != len(names) or job.id in self._entries:
             raise UsageError(f"job {job.id!r} has the stages {names}; it needs one or more, each of its own name")
         subject, pipeline = subject_of(job), pipeline_of(job)
-        refused = self._refusal(subject, pipeline)
+        refused = self.quarantine.refusal(subject, pipeline)
         if refused is not None:
             raise Quarantined(refused.message)
         timeout_s = self.limits.job_timeout_s if timeout_s is None else timeout_s
@@ -117,23 +117,6 @@ class Dispatcher:
         """The ids of all jobs on their way."""
         return tuple(self._entries)
 
-    def plugins(self) -> tuple[PluginInfo, ...]:
-        """Return what the workers loaded, each plug-in once, sorted; a broken one only where none works."""
-        found: dict[tuple[str, str], PluginInfo] = {}
-        for info in (info for peer in self.peers.values() for info in peer.plugins):
-            key = (info.name, info.distribution)
-            if key not in found or found[key].error:
-                found[key] = info
-        return tuple(found[key] for key in sorted(found))
-
-    def schemas(self) -> dict[str, dict[str, Any]]:
-        """Return the JSON Schemas of all parameters, by kind and name."""
-        merged: dict[str, dict[str, Any]] = {}
-        for peer in self.peers.values():
-            for kind, schemas in peer.schemas.items():
-                merged.setdefault(kind, {}).update(schemas)
-        return merged
-
     # What happens.
 
     def received(self, worker: str, message: Any, now: float) -> None:
@@ -162,20 +145,21 @@ class Dispatcher:
         if answer:
             self._outbox.append((worker, ErrorInfo("WireError", problem)))
 
-    def lost(self, worker: str, reason: str, now: float) -> None:
-        """Give a gone worker's work to others; only the job that it was working on counts a failure."""
+    def lost(self, worker: str, reason: str, now: float, blame: bool = True) -> None:
+        """Give a gone worker's work to others; with `blame` the job that it was working on counts a failure."""
         peer = self.peers.pop(worker, None)
         if peer is None:
             return
         self.counters["workers_lost"] += 1
         entries = [self._entries[job] for job in peer.jobs]
-        for entry in reversed(entries[1:]):
-            if entry.stop:
-                self._finish(entry, ErrorInfo("Cancelled", "cancelled before it began"), False)
+        blamed = 1 if blame else 0
+        for entry in reversed(entries[blamed:]):
+            if entry.stop == "cancelled":
+                self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
             else:
                 entry.unassign()
                 self._queue.appendleft(entry.job.id)
-        for entry in entries[:1]:
+        for entry in entries[:blamed]:
             if entry.stop == "cancelled":
                 self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
             else:
@@ -264,20 +248,10 @@ class Dispatcher:
             self._queue.appendleft(entry.job.id)
             return
         self.counters["quarantined"] += 1
-        refused = self._refusal(entry.subject, entry.pipeline)
+        refused = self.quarantine.refusal(entry.subject, entry.pipeline)
         assert refused is not None
         detail = (f"{error.code}: {error.message}", *error.detail)
         self._finish(entry, ErrorInfo(refused.code, refused.message, detail), True)
-
-    def _refusal(self, subject: str, pipeline: str) -> ErrorInfo | None:
-        entry = self.quarantine.find(subject, pipeline)
-        if entry is None:
-            return None
-        return ErrorInfo(
-            "Quarantined",
-            f"{subject} with pipeline {pipeline!r} is quarantined after {entry.attempts} failures: {entry.reason}; "
-            f"when the cause is gone, allow it again with quarantine.clear",
-        )
 
     def _watch_time(self, peer: Peer, entry: Entry, now: float) -> None:
         if entry.started_s is None:
@@ -330,11 +304,11 @@ class Dispatcher:
             entry = self._entries.get(job)
             if entry is None or entry.worker:  # a watcher may have submitted or cancelled meanwhile
                 continue
-            refused = self._refusal(entry.subject, entry.pipeline)
+            refused = self.quarantine.refusal(entry.subject, entry.pipeline)
             if refused is not None:
                 self._finish(entry, refused, True)
                 continue
-            peer = self._choose(entry)
+            peer = self.peers.choose(entry.job, entry.avoid)
             if peer is not None:
                 self._queue.remove(job)
                 self._give(peer, entry, now)
@@ -345,9 +319,3 @@ class Dispatcher:
             entry.started_s = now
         peer.jobs.append(entry.job.id)
         self._outbox.append((peer.name, entry.job))
-
-    def _choose(self, entry: Entry) -> Peer | None:
-        able: Iterable[Peer] = [peer for peer in self.peers.values() if peer.provides(entry.job)]
-        able = able or self.peers.values()  # nobody has the plug-in: let one tell which there are
-        free = [peer for peer in able if peer.credits > 0]
-        return max(free, key=lambda peer: (peer.name != entry.avoid, peer.credits), default=None)

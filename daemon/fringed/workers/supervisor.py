@@ -26,6 +26,7 @@ _LONGEST_PAUSE_S = 30.0
 _GOOD_RUN_S = 60.0
 _MEMORY_INTERVAL_S = 0.25
 _START_TIMEOUT_S = 60.0
+_RELOADED = "was ended to load its plug-ins anew"
 _LOAD_CRASHES = 2  # a plug-in that ends its worker that often while it is loaded is left out
 
 
@@ -112,11 +113,11 @@ class Supervisor:
 
     def plugins(self) -> tuple[PluginInfo, ...]:
         """Return what the workers loaded, broken plug-ins included."""
-        return self._dispatcher.plugins()
+        return self._dispatcher.peers.plugins()
 
     def schemas(self) -> dict[str, dict[str, Any]]:
         """Return the JSON Schemas of all parameters, by kind and name."""
-        return self._dispatcher.schemas()
+        return self._dispatcher.peers.schemas()
 
     def quarantined(self) -> tuple[QuarantineEntry, ...]:
         """Return what is not tried again."""
@@ -136,7 +137,7 @@ class Supervisor:
             slot.pause_s, slot.next_start_s, slot.warm_up = _FIRST_PAUSE_S, now, self.options.warm_up
             slot.retired = slot.number > self.options.count
             if slot.process is not None:
-                slot.process.kill("was ended to load its plug-ins anew")
+                slot.process.kill(_RELOADED)
 
     def stop(self, timeout_s: float = 2.0) -> None:
         """End all workers: ask, then kill; returns within `timeout_s` and a little."""
@@ -186,7 +187,7 @@ class Supervisor:
         if now - slot.started_s > _GOOD_RUN_S or (peer is not None and peer.done):
             slot.pause_s = _FIRST_PAUSE_S  # it was of use: what ended it is one job's fault, not the worker's
         self._pause(slot, reason, now)
-        self._dispatcher.lost(process.name, reason, now)
+        self._dispatcher.lost(process.name, reason, now, blame=reason != _RELOADED)
 
     def _blame_plugin(self, plugin: str, reason: str) -> None:
         crashes = self._loading.crashes

@@ -169,6 +169,17 @@ def test_retry_prefers_another_worker():
     assert bench.jobs_sent() == [("b", "j")]
 
 
+def test_nobody_is_blamed_for_a_worker_that_was_ended_on_purpose():
+    bench = Bench("a")
+    log = bench.submit(job("j"))
+    for _ in range(5):
+        bench.it.lost("a", "was ended to load its plug-ins anew", bench.now, blame=False)
+        bench.ready("a")
+    assert bench.it.counters["attempts_failed"] == 0
+    bench.complete("a", "j")
+    assert log.end == ("done",)
+
+
 def test_only_the_job_in_progress_is_blamed_for_a_lost_worker():
     bench = Bench()
     bench.ready("a", credits=3)
@@ -418,7 +429,7 @@ def test_schemas_that_are_no_tables_are_ignored():
     bench = Bench()
     bench.ready("a", schemas={"processor": 3, "encoder": {"e": {}}})
     bench.submit(job("j"))
-    assert bench.it.schemas() == {"encoder": {"e": {}}}
+    assert bench.it.peers.schemas() == {"encoder": {"e": {}}}
 
 
 def test_job_without_stages_or_with_a_taken_id_is_refused():

@@ -1,0 +1,69 @@
+"""The workers that said READY: what they have, and who takes the next job.
+
+Owns one record for each; starts and ends none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from fringed.messages import Job, PluginInfo, WorkerReady
+
+
+@dataclass(eq=False)
+class Peer:
+    """One worker that said READY. It works on the first of `jobs`."""
+
+    name: str
+    pid: int
+    capacity: int
+    heard_s: float
+    plugins: tuple[PluginInfo, ...]
+    schemas: Mapping[str, Any]
+    jobs: list[str] = field(default_factory=list)
+    done: int = 0
+
+    @classmethod
+    def of(cls, ready: WorkerReady, name: str, now: float) -> Peer:
+        """Return the record of a worker that just said READY."""
+        schemas = {kind: table for kind, table in ready.schemas.items() if isinstance(table, Mapping)}
+        return cls(name, ready.pid, min(ready.credits, 64), now, ready.plugins, schemas)
+
+    @property
+    def credits(self) -> int:
+        """How many more jobs it takes."""
+        return max(0, self.capacity - len(self.jobs))
+
+    def provides(self, job: Job) -> bool:
+        """Tell whether it has every plug-in that the job needs."""
+        return all(stage.plugin in self.schemas.get(stage.kind, ()) for stage in job.stages)
+
+
+class Roster(dict[str, Peer]):
+    """All of them, by name."""
+
+    def choose(self, job: Job, avoid: str) -> Peer | None:
+        """Return a worker with a free credit and the plug-ins, rather not `avoid`; None where all are busy."""
+        able: Iterable[Peer] = [peer for peer in self.values() if peer.provides(job)]
+        able = able or self.values()  # nobody has the plug-in: let one tell which there are
+        free = [peer for peer in able if peer.credits > 0]
+        return max(free, key=lambda peer: (peer.name != avoid, peer.credits), default=None)
+
+    def plugins(self) -> tuple[PluginInfo, ...]:
+        """Return what the workers loaded, each plug-in once, sorted; a broken one only where none works."""
+        found: dict[tuple[str, str], PluginInfo] = {}
+        for info in (info for peer in self.values() for info in peer.plugins):
+            key = (info.name, info.distribution)
+            if key not in found or found[key].error:
+                found[key] = info
+        return tuple(found[key] for key in sorted(found))
+
+    def schemas(self) -> dict[str, dict[str, Any]]:
+        """Return the JSON Schemas of all parameters, by kind and name."""
+        merged: dict[str, dict[str, Any]] = {}
+        for peer in self.values():
+            for kind, schemas in peer.schemas.items():
+                merged.setdefault(kind, {}).update(schemas)
+        return merged
