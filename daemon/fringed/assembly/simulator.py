@@ -1,0 +1,78 @@
+"""Orders for a simulated rig: another scene, faults.
+
+Owns where a scene's object comes from: built in, or made by a plug-in in a worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from fringed.config import validate
+from fringed.config.simulated import SceneConfig
+from fringed.data import Mesh, new_id
+from fringed.errors import FringedError, PluginError, error_classes
+from fringed.messages import ErrorInfo, Job, JobDone, JobProgress, StageCall, StageDone
+from fringed.serving.house import House
+from fringed.serving.ports import JobWatcher
+
+if TYPE_CHECKING:
+    from fringed.simulation.rig import SimulatedRig
+
+Done = Callable[[Any], None]
+Failed = Callable[[FringedError], None]
+
+
+class Simulator:
+    """The simulated rig as requests see it; in the reactor's thread."""
+
+    def __init__(self, house: House, rig: SimulatedRig) -> None:
+        self._house = house
+        self._rig = rig
+
+    def set_scene(self, scene: Mapping[str, Any], done: Done, failed: Failed) -> None:
+        """Put another scene in front of the rig; one of `done` and `failed` is called later."""
+        from fringed.simulation.shapes import OBJECTS
+
+        config = validate(scene, SceneConfig, "simulation.scene")
+        if config.object in OBJECTS:
+            self._place(config, None, done, failed)
+            return
+        meshes: list[Mesh] = []
+        call = StageCall("scene", "scene", config.object, config.options)
+        watcher = JobWatcher(
+            partial(_made, meshes),
+            partial(self._ready, config, meshes, (done, failed)),
+            partial(_refused, failed),
+            _ignore,
+        )
+        self._house.jobs.submit(Job(new_id(), (call,), {}, f"scene {config.object}", simulated=True), watcher)
+
+    def order_fault(self, fault: str, count: int) -> None:
+        """Have the next `count` occasions struck by a fault."""
+        self._rig.faults.order(fault, count)
+
+    def _ready(self, config: SceneConfig, meshes: list[Mesh], then: tuple[Done, Failed], _: JobDone) -> None:
+        done, failed = then
+        if meshes:
+            self._place(config, meshes[0], done, failed)
+        else:
+            failed(PluginError(f"the scene {config.object!r} answered without a mesh"))
+
+    def _place(self, config: SceneConfig, mesh: Mesh | None, done: Done, failed: Failed) -> None:
+        """Build it in the loader's thread: a mesh file is read from the disk."""
+        self._house.in_thread(self._house.loader, partial(self._rig.set_scene, config, mesh), done, failed)
+
+
+def _made(meshes: list[Mesh], answer: StageDone) -> None:
+    if isinstance(answer.product, Mesh):
+        meshes.append(answer.product)
+
+
+def _refused(failed: Failed, error: ErrorInfo, _: bool) -> None:
+    failed(error_classes().get(error.code, PluginError)(error.message))
+
+
+def _ignore(_: JobProgress) -> None:
+    return

@@ -1,0 +1,1 @@
+"""The commands of `fringed`: run, check, show, plugins, doctor, keys."""

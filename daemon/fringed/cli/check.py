@@ -1,0 +1,80 @@
+"""`fringed check`: every problem of a configuration, plug-ins' names and parameters included.
+
+Owns the checks that need plug-ins; they are loaded in this process, never in the daemon.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from fringed.config import StationConfig, load_station, merged, validate
+from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, NotFound, Problem
+from fringed.loading import Catalogue, load_plugins
+
+
+def check_file(path: Path, plugins: bool = True) -> int:
+    """Print the problems and return the exit code; raises ConfigurationError where it cannot be read at all."""
+    try:
+        config = load_station(path)
+        problems = plugin_problems(config) if plugins else []
+    except ConfigurationError as error:
+        if not error.problems:
+            raise
+        problems = list(error.problems)
+    if not problems:
+        click.echo(f"{path}: good")
+        return EXIT_OK
+    click.echo(f"{path}: {len(problems)} problem{'s' * (len(problems) > 1)}", err=True)
+    for problem in problems:
+        click.echo(f"  {problem}", err=True)
+    return EXIT_USAGE
+
+
+def plugin_problems(config: StationConfig) -> list[Problem]:
+    """Return what is wrong with the plug-ins that pipelines, presets and devices name, and with their parameters."""
+    catalogue = load_plugins([Path(folder).expanduser() for folder in config.workers.plugin_folders])
+    problems: list[Problem] = []
+    for name, pipeline in config.pipelines.items():
+        where = f"pipelines.{name}"
+        _check(catalogue, "encoder", pipeline.encoder, (f"{where}.encoder", f"{where}.encoder_params"),
+               pipeline.encoder_params, problems)  # fmt: skip
+        for index, stage in enumerate(pipeline.stages):
+            at = f"{where}.stages[{index}]"
+            _check(
+                catalogue, "processor", stage.processor, (f"{at}.processor", f"{at}.params"), stage.params, problems
+            )  # fmt: skip
+    for name, preset in config.presets.items():
+        chosen = config.pipelines[preset.pipeline]
+        where = f"presets.{name}"
+        _check(catalogue, "encoder", chosen.encoder, ("", f"{where}.encoder_params"),
+               merged(chosen.encoder_params, preset.encoder_params), problems)  # fmt: skip
+        stages = {stage.name or stage.processor: stage for stage in chosen.stages}
+        for own, params in preset.stages.items():
+            if own not in stages:
+                problems.append(Problem(f"{where}.stages.{own}", "this stage", f"one of {', '.join(stages)}"))
+                continue
+            both = merged(stages[own].params, params)
+            _check(catalogue, "processor", stages[own].processor, ("", f"{where}.stages.{own}"), both, problems)
+    for kind, driver in (("camera", config.camera.driver), ("projector", config.projector.driver)):
+        if driver not in ("none", "sim", "replay", *catalogue.provided.get(kind, {})):
+            there = ", ".join(["none", "sim", "replay", *sorted(catalogue.provided.get(kind, {}))])
+            problems.append(Problem(f"{kind}.driver", repr(driver), f"one of {there}"))
+    return problems
+
+
+def _check(
+    catalogue: Catalogue, kind: str, plugin: str, paths: tuple[str, str], params: object, problems: list[Problem]
+) -> None:
+    """Add what is wrong; an empty first path means that the plug-in's name is somebody else's to check."""
+    try:
+        found = catalogue.get(kind, plugin)
+    except NotFound as error:
+        if paths[0]:
+            problems.append(Problem(paths[0], repr(plugin), error.message))
+        return
+    try:
+        validate(params, found.Params, paths[1])  # type: ignore[arg-type]
+    except ConfigurationError as error:
+        problems += error.problems

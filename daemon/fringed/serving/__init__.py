@@ -1,0 +1,1 @@
+"""The three sockets and what is said on them: thin over zmq, everything in the reactor's thread."""

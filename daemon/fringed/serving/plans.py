@@ -1,0 +1,176 @@
+"""What a request for a scan or for processing means: which patterns, which sets, which stages.
+
+Owns the merge of pipeline, preset and request; pure. Knows no device, worker or socket.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import msgspec
+
+from fringed.config import CameraConfig, PipelineConfig, PresetConfig, StationConfig, merged, validate
+from fringed.data import CameraSettings
+from fringed.errors import ConfigurationError, NotFound, Problem, UsageError
+from fringed.messages import StageCall
+
+Tables = Mapping[str, Any]
+STAGE_KINDS = ("processor", "encoder", "exporter", "scene")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One scan or processing job, completely described."""
+
+    pipeline: str
+    stages: tuple[StageCall, ...]
+    encoder: StageCall | None = None
+    roles: tuple[str, ...] = ()
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    given: Mapping[str, str] = field(default_factory=dict)
+    truth: bool = False
+
+    @property
+    def to_take(self) -> tuple[str, ...]:
+        """The roles whose sets have to be taken."""
+        return tuple(role for role in self.roles if role not in self.given)
+
+
+@dataclass(frozen=True)
+class ScanWish:
+    """What a client asked for; everything may be left out."""
+
+    pipeline: str = ""
+    preset: str = ""
+    roles: Sequence[str] | None = None
+    encoder_params: Tables = field(default_factory=dict)
+    camera: Tables = field(default_factory=dict)
+    stages: Tables = field(default_factory=dict)
+    frame_sets: Mapping[str, str] = field(default_factory=dict)
+    truth: bool | None = None
+
+
+def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
+    """Return what to do.
+
+    Raises
+    ------
+    NotFound
+        no such pipeline or preset.
+    UsageError, ConfigurationError
+        roles, stages or settings that the pipeline does not have.
+    """
+    preset = _preset(config, wish)
+    name = wish.pipeline or preset.pipeline
+    pipeline = pipeline_of(config, name)
+    roles = _roles(pipeline, name, wish)
+    params = merged(merged(pipeline.encoder_params, preset.encoder_params), wish.encoder_params)
+    return Plan(
+        name,
+        stage_calls(pipeline, name, merged(preset.stages, wish.stages)),
+        StageCall("patterns", "encoder", pipeline.encoder, params),
+        roles,
+        camera_settings(config.camera, merged(preset.camera, wish.camera)),
+        dict(wish.frame_sets),
+        config.record_truth if wish.truth is None else wish.truth,
+    )
+
+
+def plan_process(config: StationConfig, pipeline: str, stages: Sequence[Any] | None, params: Tables) -> Plan:
+    """Return what to do with given inputs: a pipeline's stages, or those that the request lists; raises as above."""
+    if stages is None:
+        name = pipeline or config.default_pipeline
+        return Plan(name, stage_calls(pipeline_of(config, name), name, params))
+    calls = tuple(_stage_call(index, stage) for index, stage in enumerate(stages))
+    names = [call.name for call in calls]
+    unknown = sorted(set(params) - set(names))
+    if not calls or unknown or len(set(names)) != len(names):
+        raise UsageError(
+            f"process has the stages {names} and parameters for {sorted(params)}; it needs one or more stages, each of "
+            f"its own name, and parameters for these only"
+        )
+    return Plan(pipeline, tuple(replace(call, params=merged(call.params, params.get(call.name, {}))) for call in calls))
+
+
+def pipeline_of(config: StationConfig, name: str) -> PipelineConfig:
+    """Return a configured pipeline; raises NotFound with those that exist."""
+    if name not in config.pipelines:
+        raise NotFound(f"no pipeline is called {name!r}; there are {', '.join(sorted(config.pipelines))}")
+    return config.pipelines[name]
+
+
+def stage_calls(pipeline: PipelineConfig, name: str, params: Tables) -> tuple[StageCall, ...]:
+    """Return a pipeline's stages with other parameters; raises UsageError for stages it does not have."""
+    names = [stage.name or stage.processor for stage in pipeline.stages]
+    unknown = sorted(set(params) - set(names))
+    wrong = sorted(key for key, value in params.items() if not isinstance(value, Mapping))
+    if unknown or wrong:
+        raise UsageError(
+            f"parameters for {', '.join(unknown or wrong)}; pipeline {name!r} has the stages {', '.join(names)}, "
+            f"and each takes a table"
+        )
+    return tuple(
+        StageCall(
+            own, "processor", stage.processor, merged(stage.params, params.get(own, {})), stage.inputs, stage.keep
+        )
+        for own, stage in zip(names, pipeline.stages, strict=True)
+    )
+
+
+def camera_settings(config: CameraConfig, over: Tables) -> CameraSettings:
+    """Return the camera's settings; raises ConfigurationError with every wrong one."""
+    names = ("exposure_us", "gain_db", "bits", "channel", "trigger")
+    unknown = [Problem(f"camera.{key}", "this key", f"one of {', '.join(names)}") for key in over if key not in names]
+    if unknown:
+        raise ConfigurationError(f"{len(unknown)} problem{'s' * (len(unknown) > 1)} in camera:", tuple(unknown))
+    chosen = validate({**{name: getattr(config, name) for name in names}, **over}, CameraConfig, "camera")
+    return CameraSettings(**{name: getattr(chosen, name) for name in names})
+
+
+def _preset(config: StationConfig, wish: ScanWish) -> PresetConfig:
+    if not wish.preset:
+        return PresetConfig(pipeline=wish.pipeline or config.default_pipeline)
+    if wish.preset not in config.presets:
+        raise NotFound(f"no preset is called {wish.preset!r}; there are {', '.join(sorted(config.presets)) or 'none'}")
+    preset = config.presets[wish.preset]
+    if wish.pipeline and wish.pipeline != preset.pipeline:
+        raise UsageError(
+            f"preset {wish.preset!r} belongs to pipeline {preset.pipeline!r}, not {wish.pipeline!r}; give only one"
+        )
+    return preset
+
+
+def _roles(pipeline: PipelineConfig, name: str, wish: ScanWish) -> tuple[str, ...]:
+    roles = tuple(pipeline.roles if wish.roles is None else wish.roles)
+    known = set(pipeline.roles)
+    wrong = sorted({str(role) for role in (*roles, *wish.frame_sets) if role not in known})
+    if wrong or not roles or len(set(roles)) != len(roles):
+        raise UsageError(
+            f"roles {list(roles)} and frame sets for {sorted(wish.frame_sets)}; pipeline {name!r} has "
+            f"{', '.join(pipeline.roles)}, each at most once and at least one"
+        )
+    return tuple(dict.fromkeys((*roles, *wish.frame_sets)))
+
+
+def _stage_call(index: int, raw: Any) -> StageCall:
+    if isinstance(raw, StageCall):
+        return raw
+    try:
+        table = dict(raw)
+        table.setdefault("kind", "processor")
+        table.setdefault("plugin", table.get("name", ""))
+        table.setdefault("name", table["plugin"])
+        unknown = sorted(set(table) - set(StageCall.__dataclass_fields__))
+        if unknown:
+            raise ValueError(f"it has {', '.join(unknown)}")
+        call = msgspec.convert(table, StageCall)
+        if not call.plugin or not call.name:
+            raise ValueError("it names no plug-in")
+    except (ValueError, TypeError) as error:
+        raise UsageError(
+            f"stages[{index}] is {str(raw)[:80]}: {error}; a stage has name, kind ({', '.join(STAGE_KINDS)}), plugin, "
+            f"params, inputs and keep"
+        ) from error
+    return call
