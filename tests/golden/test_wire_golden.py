@@ -7,16 +7,12 @@ the format that is meant, and a new version number, write them again: FRINGED_WR
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from examples import examples
+from golden_messages import examples
 
 from fringed.wire import decode, encode
 

@@ -7,16 +7,12 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
-from examples import examples
+from golden_messages import examples
 
 from fringed.wire import DTYPES, KINDS, VERSION, encode
 

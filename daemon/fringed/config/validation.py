@@ -10,6 +10,7 @@ import types
 import typing
 from collections.abc import Mapping
 from difflib import get_close_matches
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, Union
 
@@ -113,6 +114,18 @@ def _walk(value: Any, hint: Any, path: str, problems: list[Problem]) -> None:
             msgspec.convert(value, hint)
         except msgspec.ValidationError as error:
             problems.append(Problem(path, repr(value)[:80], _allowed(hint, str(error))))
+        else:
+            if not _finite(value):
+                problems.append(Problem(path, repr(value)[:80], "finite numbers"))
+
+
+def _finite(value: Any) -> bool:
+    """Tell whether no number is NaN or infinite: TOML can write them, and no setting can mean them."""
+    if isinstance(value, Mapping):
+        return all(map(_finite, value.values()))
+    if isinstance(value, (list, tuple)):
+        return all(map(_finite, value))
+    return not isinstance(value, float) or isfinite(value)
 
 
 def _allowed(hint: Any, error: str) -> str:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from fringed.recording import Store
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 @pytest.fixture
