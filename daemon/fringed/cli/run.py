@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import FrameType
@@ -41,6 +42,9 @@ def serve(path: Path | None, settings: Iterable[str]) -> int:
         )
     _install(station.reactor_post, station.stop, station.reload_quietly)
     station.run()
+    if threading.active_count() > 1:  # a driver or a compiler that does not end must not keep the process
+        logging.shutdown()
+        os._exit(EXIT_OK)
     return EXIT_OK
 
 

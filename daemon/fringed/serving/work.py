@@ -74,6 +74,7 @@ class WorkSocket:
         self._logic = logic
         self._each_tick = tuple(each_tick)
         self._reactor: Reactor | None = None
+        self._unlogged, self._next_log_s = 0, 0.0
         self.socket = context.socket(zmq.ROUTER)
         self.socket.setsockopt(zmq.ROUTER_MANDATORY, 1)
         self.socket.setsockopt(zmq.ROUTER_HANDOVER, 1)
@@ -140,10 +141,18 @@ class WorkSocket:
         try:
             message = wire.decode([frame.buffer for frame in frames[1:]]).content
         except WireError as error:
-            _log.warning("work: a malformed message from %r: %s", worker, error)
             self._logic.malformed(worker, error.message)
+            self._tell_malformed(worker, error)
             return
         self._logic.received(worker, message, time.monotonic())
+
+    def _tell_malformed(self, worker: str, error: WireError) -> None:
+        """Log the first one and then one a second: a flood must not fill the log."""
+        self._unlogged += 1
+        now = time.monotonic()
+        if now >= self._next_log_s:
+            _log.warning("work: %d malformed messages, the last one from %r: %s", self._unlogged, worker, error)
+            self._unlogged, self._next_log_s = 0, now + 1.0
 
     def _send(self, worker: str, message: Any) -> None:
         try:
