@@ -5,6 +5,7 @@ Owns one SUB socket with its monitor; the counting is in `protocol.messages`.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -79,21 +80,22 @@ class Subscription:
         ConnectionLost
             the station is gone.
         """
-        waited_s = silent_s = 0.0
+        deadline = None if timeout_s is None else time.monotonic() + timeout_s
+        silent_s = 0.0
         while True:
-            slice_s = SLICE_S if timeout_s is None else min(SLICE_S, max(timeout_s - waited_s, 0.0))
+            slice_s = SLICE_S if deadline is None else min(SLICE_S, max(deadline - time.monotonic(), 0.0))
             frames = self._take(slice_s)
             if frames is not None:
                 silent_s = 0.0
                 message = self.core.receive(frames)
                 if message is not None:
                     return message
-                continue
-            # Only slices that were waited through count: a reader that was stopped itself finds its queue full.
-            waited_s, silent_s = waited_s + slice_s, silent_s + slice_s
+            else:
+                # Only slices that were waited through count: a reader that was stopped itself finds its queue full.
+                silent_s += slice_s
             if silent_s >= SILENCE_MAX_S:
-                raise ConnectionLost(f"the station at {self._where} has been silent for {silent_s:g} s")
-            if timeout_s is not None and waited_s >= timeout_s:
+                raise ConnectionLost(f"the station at {self._where} has been silent for {silent_s:.0f} s")
+            if deadline is not None and frames is None and time.monotonic() >= deadline:
                 raise RequestTimeout(f"nothing came on {', '.join(self.core.wanted)} within {timeout_s:g} s")
 
     def _take(self, slice_s: float) -> list[Any] | None:

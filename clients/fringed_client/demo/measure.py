@@ -19,7 +19,7 @@ FLYER_MM = 1.0
 
 
 def ray_error_mm(image: RangeImage, truth: Truth) -> Array:
-    """Return the signed error along each camera ray `(height, width)`, mm, far is positive; NaN where nothing compares."""
+    """Return the error along each camera ray `(height, width)` in mm, positive is too far; NaN where unknown."""
     measured = np.linalg.norm(image.xyz_mm, axis=2)
     return np.asarray(measured - np.linalg.norm(truth.xyz_mm, axis=2))
 
@@ -86,7 +86,7 @@ class Surface:
     normals: Array
 
     def distance_mm(self, points_mm: Array) -> Array:
-        """Return the signed distance of points (n, 3) to the surface's tangent at its nearest point; outside is positive."""
+        """Return the distance of points (n, 3) to the surface (its tangent at the nearest point); outside is positive."""
         _, nearest = cKDTree(self.points_mm).query(points_mm, workers=1)
         return np.asarray(np.einsum("ij,ij->i", points_mm - self.points_mm[nearest], self.normals[nearest]))
 

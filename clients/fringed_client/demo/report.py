@@ -96,7 +96,8 @@ def _views(found: dict[str, Any]) -> str:
 
 
 def _registrations(found: dict[str, Any]) -> str:
-    head = ("registration", "ended", "rotation error / °", "error at the centre / µm", "misplacement, RMS / µm", "RMS / µm",
+    head = ("registration", "ended", "rotation error / °", "error at the centre / µm", "misplacement, RMS / µm",
+            "RMS / µm",
             "overlap", "iterations")  # fmt: skip
     rows = [
         (

@@ -99,14 +99,12 @@ def _with_artist(runtime: Path, station: Station, progress: Progress, folder: Pa
     try:
         shown = [_object(work, item, folder / item.name) for item in OBJECTS]
         found = {item.name: _finished(pending, folder) for item, pending in zip(OBJECTS, shown, strict=True)}
-    except BaseException:
-        thread.shutdown(wait=False, cancel_futures=True)
-        raise
+        return found, artist.seconds
     finally:
-        if not thread._shutdown:
-            thread.submit(artist.close).result()
-        thread.shutdown(wait=True, cancel_futures=True)
-    return found, artist.seconds
+        for future in work.drawing:
+            future.cancel()
+        thread.submit(artist.close)  # after the picture that is being drawn
+        thread.shutdown()
 
 
 @dataclass
@@ -165,7 +163,8 @@ def _finished(pending: _Pending, folder: Path) -> dict[str, Any]:
         timings = msgspec.to_builtins(state.timings_s)
         views.append(
             {
-                "yaw_deg": yaw_deg, "scan": state.id, "retakes": state.retakes, "timings_s": timings, **drawn["figures"],
+                "yaw_deg": yaw_deg, "scan": state.id, "retakes": state.retakes, "timings_s": timings,
+                **drawn["figures"],
                 "pictures": relative(drawn["pictures"]),
             }
         )  # fmt: skip
