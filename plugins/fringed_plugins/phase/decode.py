@@ -31,7 +31,7 @@ class Thresholds:
     over what six sigma of noise explain; `order_turns` the difference between the phase that a coarser
     frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
     `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
-    24 neighbours must be within half a period.
+    24 neighbours must be alike, within half a period.
     """
 
     saturation_dn: float = float("inf")
@@ -98,8 +98,8 @@ def decode(
     limits = _limits(groups, noise, thresholds, size_px)
     run_rows(decode_kernel.decode_rows, shape[0], stack, plan(groups), limits, out, threads=threads)
     if thresholds.similar_neighbours > 0:
-        half = np.pi if size_px is not None else 2 * np.pi
-        neighbours.drop_isolated(out.phase_rad, out.rejected, half, thresholds.similar_neighbours, threads)
+        alike_rad = _alike_rad(groups[-1], size_px, shape)
+        neighbours.drop_isolated(out.phase_rad, out.rejected, alike_rad, thresholds.similar_neighbours, threads)
     return out
 
 
@@ -129,6 +129,17 @@ def _limits(
         "initial_rad": last.initial_rad,
     }
     return decode_kernel.Limits(**{name: np.float32(n) for name, n in numbers.items()}, absolute=absolute)
+
+
+def _alike_rad(group: Group, size_px: int | None, shape: tuple[int, ...]) -> float:
+    """Return how much neighbours may differ: half a period, or more where the camera is coarser than the fringes.
+
+    A wrapped phase tells only that there is a neighbour.
+    """
+    if size_px is None:
+        return float(2 * np.pi + 1e-3)
+    per_pixel_rad = 2 * np.pi * size_px / group.period_px / max(min(shape), 1)
+    return float(max(np.pi, 2.5 * per_pixel_rad))
 
 
 def _chi_square_limit(dof: int) -> float:

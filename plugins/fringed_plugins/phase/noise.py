@@ -40,7 +40,7 @@ class NoiseModel:
 def estimate_noise(frames: npt.NDArray[Any], group: Group, orientation: str, rows: int = 96) -> NoiseModel:
     """Estimate the noise from how frames of one group misfit a sinusoid, on about `rows` lines.
 
-    With four frames and more, the residual of the first frame is used; second differences along the
+    With four frames and more, one component of the residual is used; second differences along the
     fringes take out what is smooth there, such as the projector's harmonics. With three frames, which
     fit any sinusoid, the frames themselves are used instead: the sensor's fixed pattern then counts as noise.
     """
@@ -50,13 +50,13 @@ def estimate_noise(frames: npt.NDArray[Any], group: Group, orientation: str, row
     if height < 3:
         return NoiseModel(1.0, 0.0)
     middle = np.unique(np.linspace(1, height - 2, min(rows, height - 2)).astype(int))
-    stack = frames[list(group.frames)]
-    lines = stack[:, middle[:, None] + np.array([-1, 0, 1])].astype(np.float32)  # (n, lines, 3, width)
+    chosen = np.array(group.frames)[:, None, None]
+    lines = frames[chosen, middle[:, None] + np.array([-1, 0, 1])].astype(np.float32)  # (n, lines, 3, width)
     matrix = transform(group.shifts_rad)
-    light = np.tensordot(matrix[0], lines, 1)
-    quantity = np.tensordot(matrix[3], lines, 1) if len(group.frames) > 3 else lines[0]
+    plenty = len(group.frames) > 3
+    light, quantity = (np.tensordot(matrix[i], lines, 1) if plenty else lines[0] for i in (0, 3))
     second = quantity[:, 0] - 2 * quantity[:, 1] + quantity[:, 2]
-    return _line(light[:, 1].ravel(), (second / np.sqrt(6)).ravel())
+    return _line(light.mean(axis=1).ravel(), (second / np.sqrt(6)).ravel())
 
 
 def _line(light: npt.NDArray[np.float32], noise: npt.NDArray[np.float32]) -> NoiseModel:

@@ -1,0 +1,1 @@
+"""Point clouds and meshes as files' bytes, and the mesh of a grid. Knows no contract and no file system."""
