@@ -80,7 +80,7 @@ class Store:
         return SetWriter(self.data_dir, set_id, sequence, shape, dtype, self._remember)
 
     def save(self, product: Any, record_id: str = "", encoded: Encoded | None = None) -> Path:
-        """Record a frame set or product under its own id (or `record_id`); return its path.
+        """Record a frame set or product under its own id, or `record_id` where it has none; return its path.
 
         Give `encoded`, the result of `wire.prepare`, if it is at hand: it is not encoded twice then.
 
@@ -93,12 +93,15 @@ class Store:
         StorageError
             the disk refuses; nothing stays visible.
         """
-        record_id = record_id or getattr(product, "id", "")
+        own_id = getattr(product, "id", "")
+        record_id = record_id or own_id
         kind = type(product).__name__
         if type(product) not in RECORDED:
             raise DataError(f"a {kind} is not recorded; there are {', '.join(c.__name__ for c in RECORDED)}")
         if not record_id:
             raise DataError(f"this {kind} has no id; give it one with data.new_id() before it is recorded")
+        if own_id not in ("", record_id):
+            raise DataError(f"this {kind} is called {own_id}; it cannot be recorded as {record_id}")
         encoded = encoded or prepare(product)
         partial = Partial(self.data_dir, record_id, kind, encoded.headers, encoded)
         for header, buffer in zip(encoded.headers, encoded.buffers, strict=True):
@@ -116,7 +119,11 @@ class Store:
         RecordingError
             the file is foreign, truncated or damaged.
         """
-        return load_file(places.find(self.data_dir, record_id), verify)
+        path = places.find(self.data_dir, record_id)
+        content = load_file(path, verify)
+        if getattr(content, "id", record_id) not in (record_id, ""):
+            raise RecordingError(f"{path.name} was renamed: it holds {content.id}; give it its name back")
+        return content
 
     def path_of(self, record_id: str) -> Path:
         """Return the file of an id; raises NotFound."""
@@ -178,6 +185,8 @@ class Store:
             return known
         try:
             summary = summary_of_file(path)
+            if summary.id != record_id:
+                raise RecordingError(f"{path.name} was renamed: it holds {summary.id}")
         except FileNotFoundError:  # removed since its folder was read
             return None
         except (RecordingError, OSError) as error:

@@ -17,7 +17,7 @@ from recordings import every_kind, frame_set, range_image, same, sequence
 
 from fringed import data, wire
 from fringed.data import new_id
-from fringed.errors import DataError, NotFound, StorageError, UsageError
+from fringed.errors import DataError, NotFound, RecordingError, StorageError, UsageError
 from fringed.recording import Store
 
 
@@ -132,6 +132,8 @@ def test_what_is_not_recorded_is_refused(store: Store) -> None:
         store.save(data.Mesh(np.zeros((1, 3)), np.zeros((0, 3), np.int32)))
     with pytest.raises(DataError, match="a dict is not recorded"):
         store.save({"id": 1})
+    with pytest.raises(DataError, match="cannot be recorded as"):
+        store.save(range_image(), new_id())
 
 
 def test_listing_is_newest_first_and_pages(store: Store) -> None:
@@ -176,10 +178,9 @@ def test_listing_filters_by_kind_and_scan(store: Store, kind: str) -> None:
 
 
 def test_listing_goes_back_over_days(store: Store) -> None:
-    item = frame_set()
     ids = ["20251231T235959.999999Z-0001", "20260101T000000.000000Z-0002", "20260201T000000.000000Z-0003"]
     for record_id in ids:
-        store.save(item, record_id)
+        store.save(frame_set(id=record_id))
     assert [e["id"] for e in store.list()] == ids[::-1]
     assert [e["id"] for e in store.list(before="20260101")] == ids[:1]
     assert [e["id"] for e in store.list(before=ids[2])] == ids[1::-1]
@@ -201,6 +202,16 @@ def test_a_damaged_file_is_listed_as_such(store: Store) -> None:
     store.save(item).write_bytes(b"\0" * 100)
     (entry,) = Store(store.data_dir).list()
     assert entry["id"] == item.id and entry["summary"].startswith("unreadable")
+
+
+def test_a_renamed_file_is_not_taken_for_another(store: Store) -> None:
+    item, other_id = range_image(), new_id()
+    path = store.save(item)
+    path.rename(path.with_name(f"{other_id}.range-image.h5"))
+    with pytest.raises(RecordingError, match=f"it holds {item.id}; give it its name back"):
+        store.load(other_id)
+    (entry,) = Store(store.data_dir).list()
+    assert entry["id"] == other_id and "renamed" in entry["summary"]
 
 
 def test_a_file_removed_by_hand_is_gone(store: Store) -> None:
