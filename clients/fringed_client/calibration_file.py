@@ -116,8 +116,7 @@ def calibration_of(station: Station) -> Calibration:
         it has none.
     """
     used = station.status().calibration
-    for row in station.list(kind="Calibration", limit=1000):
-        found: Calibration = station.get(row["id"])
-        if used in (found.hash, found.id) or not used:
-            return found
-    raise NotFound(f"the station has no recorded calibration {used or ''}; name one in its configuration")
+    if not used:
+        raise NotFound(f"the station at {station.address} has no calibration; name one in its configuration")
+    found: Calibration = station.get(used)
+    return found

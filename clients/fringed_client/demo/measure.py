@@ -86,7 +86,7 @@ class Surface:
     normals: Array
 
     def distance_mm(self, points_mm: Array) -> Array:
-        """Return the distance of points (n, 3) to the surface (its tangent at the nearest point); outside is positive."""
+        """Return the distance of points (n, 3) to the tangent at their nearest true point; outside is positive."""
         _, nearest = cKDTree(self.points_mm).query(points_mm, workers=1)
         return np.asarray(np.einsum("ij,ij->i", points_mm - self.points_mm[nearest], self.normals[nearest]))
 

@@ -50,6 +50,7 @@ class ScanWish:
     stages: Tables = field(default_factory=dict)
     frame_sets: Mapping[str, str] = field(default_factory=dict)
     truth: bool | None = None
+    process: bool = True
 
 
 def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
@@ -69,7 +70,7 @@ def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
     params = merged(merged(pipeline.encoder_params, preset.encoder_params), wish.encoder_params)
     return Plan(
         name,
-        stage_calls(pipeline, name, merged(preset.stages, wish.stages)),
+        stage_calls(pipeline, name, merged(preset.stages, wish.stages)) if wish.process else (),
         StageCall("patterns", "encoder", pipeline.encoder, params),
         roles,
         camera_settings(config.camera, merged(preset.camera, wish.camera)),

@@ -6,11 +6,12 @@ is announced before it is recorded, and the scan is done only when everything is
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from fringed import wire
-from fringed.data import FrameSet, PatternSequence, Truth
+from fringed.data import FrameSet, PatternSequence, Truth, new_id
 from fringed.errors import DataError, FringedError
 from fringed.messages import ErrorInfo
 from fringed.serving.flow import Flow
@@ -37,6 +38,7 @@ class ScanFlow(Flow):
         self._encoder_job = ""
         self._recording = 0
         self._processed = False
+        self._all_taken = not plan.to_take
         self._began_s = self._set_began_s = house.reactor.now()
 
     def start(self) -> None:
@@ -122,12 +124,19 @@ class ScanFlow(Flow):
         self._record_set(acquired)
 
     def truth_known(self, truth: Truth) -> None:
-        """Record the simulator's truth of a set."""
-        if self.record.finished:
+        """Record the simulator's truth of a set of this scan."""
+        role = self._role_of(truth.frame_set)
+        if self.record.finished or not role:
             return
         self._recording += 1
-        entry = {"id": truth.id, "kind": "Truth", "stage": "", "role": self._role_of(truth.frame_set)}
+        truth = replace(truth, id=truth.id or new_id())
+        entry = {"id": truth.id, "kind": "Truth", "stage": "", "role": role}
         self.house.record(truth, partial(self._truth_announced, entry), self._unrecorded, lambda: True)
+
+    def acquired_all(self) -> None:
+        """Know that every set, and what the simulator knows of it, is there."""
+        self._all_taken = True
+        self._maybe_done()
 
     def _role_of(self, frame_set_id: str) -> str:
         return next((role for role, frame_set in self._inputs.items() if frame_set.id == frame_set_id), "")
@@ -170,6 +179,9 @@ class ScanFlow(Flow):
         inputs = {role: self._inputs[role] for role in self._plan.roles}
         if self.house.present.calibration is not None:
             inputs["calibration"] = self.house.present.calibration
+        if not self._plan.stages:  # only the sets were wanted
+            self._job_ended(None)
+            return
         self.job = JobRun(self.house, self.record, self._job_ended)
         self.job.start(self._plan.stages, inputs, self._plan.pipeline)
 
@@ -181,5 +193,5 @@ class ScanFlow(Flow):
         self._maybe_done()
 
     def _maybe_done(self) -> None:
-        if self._processed and not self._recording:
+        if self._processed and self._all_taken and not self._recording:
             self.end(None)

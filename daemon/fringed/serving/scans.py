@@ -100,10 +100,9 @@ class Scans:
         else:
             flow.set_acquired(acquired)
 
-    def truth_known(self, scan: str, truth: Truth) -> None:
-        """Pass on what a simulated rig knows."""
-        flow = self._flows.get(scan)
-        if flow is not None:
+    def truth_known(self, truth: Truth) -> None:
+        """Pass on what a simulated rig knows; the scan whose set it is takes it."""
+        for flow in list(self._flows.values()):
             flow.truth_known(truth)
 
     def acquired_all(self, scan: str) -> None:

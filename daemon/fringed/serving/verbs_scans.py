@@ -36,7 +36,7 @@ class ScanVerbs:
 
     def _scan(self, call: Call) -> Any:
         call.allow(
-            "pipeline", "preset", "roles", "encoder_params", "camera", "stages", "frame_sets", "truth"
+            "pipeline", "preset", "roles", "encoder_params", "camera", "stages", "frame_sets", "truth", "process"
         )  # fmt: skip
         self._may_move(call)
         wish = ScanWish(
@@ -48,6 +48,7 @@ class ScanVerbs:
             call.get("stages", dict, {}),
             call.get("frame_sets", dict, {}),
             call.get("truth", bool, None),
+            call.get("process", bool, True),
         )
         _texts(call, "frame_sets", list(wish.frame_sets.values()))
         return self.scans.scan(plan_scan(self.house.present.config, wish))
