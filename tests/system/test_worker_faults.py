@@ -176,9 +176,10 @@ def test_stopped_worker_falls_silent_and_its_job_goes_elsewhere(plugins, tmp_pat
 def test_malformed_messages_are_counted_and_answered_and_harm_nobody(plugins, tmp_path):
     with Rig(tmp_path, plugins, count=1) as rig:
         stranger = rig.context.socket(zmq.DEALER)
+        stranger.setsockopt(zmq.SNDHWM, 0)  # this thread has to serve them too
         stranger.connect(f"ipc://{tmp_path}/work")
         nonsense = [[b""], [b"", b"{}"], [b"", b"\xff" * 40, b"x"], wire.encode(Request("1", "status"))]
-        nonsense += [[os.urandom(9), os.urandom(60)] for _ in range(200)]
+        nonsense += [[os.urandom(9), os.urandom(60)] for _ in range(10_000)]
         for message in nonsense:
             stranger.send_multipart(message)
         stranger.send_multipart(wire.encode(WorkerReady("x", 1, 0, schemas={"processor": 3})))
