@@ -153,6 +153,8 @@ class Merge:
             a pair did not converge; the message names it.
         """
         views: tuple[RangeImage, ...] = tuple(inputs["views"])
+        if not views:
+            raise DataError("cannot merge: there are no views; give at least one range image")
         given: tuple[Registration, ...] = tuple(inputs.get("registrations") or ())
         report = _report(context)
         try:
@@ -168,6 +170,10 @@ class Merge:
                 params.require_convergence,
                 lambda part, text: report(0.6 * part, text),
             )
+            for link in linked.links:
+                if not link.alignment.converged:
+                    name = f"view {link.view} ({views[link.view].id})"
+                    context.log("warning", f"{name} is left out of the model: {link.alignment.reason}")
             return _merged(views, surfaces, linked, params, lambda part, text: report(0.6 + 0.4 * part, text))
         except ChainBrokenError as error:
             pair = f"view {error.view} ({views[error.view].id}) to view {error.partner} ({views[error.partner].id})"

@@ -17,7 +17,7 @@ from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray
 
 Array = npt.NDArray[Any]
-WALKS = 3
+WALKS = 2
 LONGEST_WALK_PX = 12
 _SAMPLES = 4000
 

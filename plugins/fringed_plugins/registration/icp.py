@@ -19,6 +19,7 @@ from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray, apply, orthonormal
 
 MIN_PAIRS = 30
+SWINGS = 4  # changing pairs can keep the loop swinging within its own uncertainty for ever
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Settings:
 
     iterations: int = 40
     still: float = 3e-4  # motion of the points in one iteration, in resolutions, that counts as standing
+    swing: float = 0.1  # the same in standard errors of the motion, for some iterations in a row
     normals_cos: float = 0.7
     symmetric: bool = True
     stage: str = "fine"
@@ -109,6 +111,7 @@ def iterate(
 ) -> Outcome:
     """Run the loop on one level from `T`; `tell` hears of every iteration and may raise to stop."""
     history: list[Iteration] = []
+    swinging = 0
     radius = float(np.sqrt((model.points**2).sum(1).mean()))
     stopped, settled = f"{settings.iterations} iterations without standing still", False
     for _ in range(settings.iterations):
@@ -116,16 +119,21 @@ def iterate(
         if len(pairs) < MIN_PAIRS:
             stopped = f"{len(pairs)} pairs left of {pairs.asked}; at least {MIN_PAIRS} are needed"
             break
-        weights, _scale = weigh(pairs, 1e-6 * reference.spacing_mm)
+        weights, _ = weigh(pairs, 1e-6 * reference.spacing_mm)
         middle = 0.5 * (pairs.points + pairs.partners)
-        small, _H = step(jacobian(middle, pairs.normals), pairs.residual_mm, weights)
+        small, H = step(jacobian(middle, pairs.normals), pairs.residual_mm, weights)
         small = limited(small, MOST_TURN_RAD, radius)
         T = orthonormal(motion(small) @ T)
         turn, shift = float(np.linalg.norm(small[:3])), float(np.linalg.norm(small[3:]))
         rms = float(np.sqrt(np.average(pairs.residual_mm**2, weights=weights)))
         history.append(Iteration(rms, len(pairs), pairs.threshold_mm, turn, shift, settings.stage))
         tell(history[-1])
+        errors = float(np.sqrt(small @ H @ small / 6))
+        swinging = swinging + 1 if errors < settings.swing else 0
         if turn * radius + shift < settings.still * reference.spacing_mm:
             stopped, settled = f"the motion fell below {settings.still:g} of the resolution", True
+            break
+        if swinging == SWINGS:
+            stopped, settled = f"{SWINGS} motions in a row were below {settings.swing:g} of their standard error", True
             break
     return Outcome(T, stopped, settled, tuple(history))

@@ -10,10 +10,11 @@ from itertools import product
 
 import numpy as np
 
-from fringed_plugins.registration.transforms import FloatArray, rigid, rotation
+from fringed_plugins.registration.transforms import FloatArray, rigid, rotation, translation
 
 TURNS_ABOUT_COLUMNS_DEG = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
 TURNS_ABOUT_ROWS_DEG = (-25.0, 25.0)
+BEHIND = 0.25  # of the extent
 
 
 def principal_axes(reference: FloatArray, model: FloatArray) -> list[FloatArray]:
@@ -40,7 +41,7 @@ def principal_axes(reference: FloatArray, model: FloatArray) -> list[FloatArray]
 
 
 def turns(reference: FloatArray, model: FloatArray, between_mm: FloatArray) -> list[FloatArray]:
-    """Return turns of the model about its middle, left in place and brought to the reference's middle.
+    """Return turns of the model: about its middle, about a point behind it, and brought to the reference's middle.
 
     Parameters
     ----------
@@ -49,13 +50,17 @@ def turns(reference: FloatArray, model: FloatArray, between_mm: FloatArray) -> l
     between_mm
         (3,) the model's origin minus the reference's, in the camera's frame: where the model stands
         if nothing moved.
+
+    A scanner sees the front only; what turns, turns about its own middle, some way behind.
     """
     middle_p, middle_q = np.median(reference, axis=0), np.median(model, axis=0)
-    vectors = [np.zeros(3)]
-    vectors += [np.array([0.0, np.radians(angle), 0.0]) for angle in TURNS_ABOUT_COLUMNS_DEG]
+    vectors = [np.array([0.0, np.radians(angle), 0.0]) for angle in TURNS_ABOUT_COLUMNS_DEG]
     vectors += [np.array([np.radians(angle), 0.0, 0.0]) for angle in TURNS_ABOUT_ROWS_DEG]
-    guesses = []
+    span = np.percentile(model, 98, axis=0) - np.percentile(model, 2, axis=0)
+    behind = middle_q + np.array([0.0, 0.0, BEHIND * float(np.linalg.norm(span))])
+    guesses = [translation(between_mm)]
     for R in map(rotation, vectors):
         guesses.append(rigid(R, between_mm + middle_q - R @ middle_q))
+        guesses.append(rigid(R, between_mm + behind - R @ behind))
         guesses.append(rigid(R, middle_p - R @ middle_q))
     return guesses

@@ -7,11 +7,13 @@ share a point. Object frame: x to the right, y downwards, z away from the camera
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 DISTANCE_MM = 1000.0
+REACH_MM = 125.0
 
 
 def head(x, y):
@@ -61,44 +63,54 @@ def see(shape=head, T=None, pitch_mm=1.2, size=(208, 192), noise_mm=0.0, seed=0,
     `columns` (first, last) fractions of the object's width that exist, to cut the overlap.
     """
     T = pose() if T is None else T
-    h, w = size
-    v, u = np.mgrid[0:h, 0:w]
-    rays = np.dstack([(u - w / 2 + 0.3) * pitch_mm, (v - h / 2 - 0.2) * pitch_mm, np.full((h, w), DISTANCE_MM)])
-    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
-    depth = _march(shape, rays @ T[:3, :3], -T[:3, :3].T @ T[:3, 3])
-    points = rays * depth[..., None]
-    local = (points - T[:3, 3]) @ T[:3, :3]
+    rays, points, local = _seen(shape, tuple(T.ravel()), pitch_mm, size)
     half_x, half_y = OUTLINES[shape]
     inside = (local[..., 0] / half_x) ** 2 + (local[..., 1] / half_y) ** 2 < 1
     if columns is not None:
         place = local[..., 0] / (2 * half_x) + 0.5
         inside &= (place >= columns[0]) & (place <= columns[1])
-    points[~inside] = np.nan
-    noise = np.random.default_rng(seed).normal(0.0, 1.0, (h, w, 1)) * noise_mm
+    points = np.where(inside[..., None], points, np.nan)
+    noise = np.random.default_rng(seed).normal(0.0, 1.0, (*size, 1)) * noise_mm
     return View((points + rays * noise).astype(np.float32), T, points)
 
 
-def _march(shape, directions, start, near=820.0, far=1100.0, step=2.0):
+@lru_cache(maxsize=32)
+def _seen(shape, pose_values, pitch_mm, size):
+    """Return each pixel's ray and the point that it meets, in the camera's and in the object's frame."""
+    T = np.array(pose_values).reshape(4, 4)
+    h, w = size
+    v, u = np.mgrid[0:h, 0:w]
+    rays = np.dstack([(u - w / 2 + 0.3) * pitch_mm, (v - h / 2 - 0.2) * pitch_mm, np.full((h, w), DISTANCE_MM)])
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    depth = np.full((h, w), np.nan)
+    passing = np.linalg.norm(np.cross(rays, T[:3, 3]), axis=2) < REACH_MM  # of the object's origin
+    depth[passing] = _march(shape, rays[passing] @ T[:3, :3], -T[:3, :3].T @ T[:3, 3], np.linalg.norm(T[:3, 3]))
+    points = rays * depth[..., None]
+    return rays, points, (points - T[:3, 3]) @ T[:3, :3]
+
+
+def _march(shape, directions, start, distance_mm, step=3.0):
     """Return the distance along each ray to the first crossing of z = shape(x, y): march, then bisect."""
 
-    def below(distance):
+    def below(distance, directions=directions):
         at = start + directions * distance[..., None]
         return at[..., 2] - shape(at[..., 0], at[..., 1])
 
-    full = directions.shape[:2]
-    lo = np.full(full, np.nan)
-    previous = below(np.full(full, near))
-    for d in np.arange(near + step, far, step):
-        value = below(np.full(full, d))
-        hit = np.isnan(lo) & (previous < 0) & (value >= 0)
-        lo[hit] = d - step
+    lo = np.full(len(directions), np.nan)
+    near = distance_mm - REACH_MM - 10
+    previous = below(np.full(len(directions), near))
+    for d in np.arange(near + step, distance_mm + 0.8 * REACH_MM, step):
+        value = below(np.full(len(directions), d))
+        lo[np.isnan(lo) & (previous < 0) & (value >= 0)] = d - step
         previous = value
-    hi = lo + step
-    for _ in range(40):
-        middle = 0.5 * (lo + hi)
-        inside = below(middle) >= 0
-        hi, lo = np.where(inside, middle, hi), np.where(inside, lo, middle)
-    return 0.5 * (lo + hi)
+    hit = np.isfinite(lo)
+    a, b, along = lo[hit], lo[hit] + step, directions[hit]
+    for _ in range(32):
+        middle = 0.5 * (a + b)
+        inside = below(middle, along) >= 0
+        a, b = np.where(inside, a, middle), np.where(inside, middle, b)
+    lo[hit] = 0.5 * (a + b)
+    return lo
 
 
 def truth(reference, model):

@@ -1,0 +1,146 @@
+"""The processors "register" and "merge": parameters, products and errors as a user meets them."""
+
+from __future__ import annotations
+
+import json
+
+import msgspec
+import numpy as np
+import pytest
+from analytic_relief import errors, hand, pose, see
+
+from fringed.data import Model, RangeImage, Registration
+from fringed.errors import Cancelled, ConvergenceError, DataError
+from fringed.hookspecs import Processor
+from fringed.wire import decode, encode
+from fringed_plugins import registration_plugin
+from fringed_plugins.registration_plugin import Merge, Register
+
+
+class Host:
+    threads = 2
+
+    def __init__(self, stop_after=None):
+        self.heard, self.logged, self.stop_after = [], [], stop_after
+
+    def progress(self, fraction, text=""):
+        self.heard.append(fraction)
+        if self.stop_after is not None and len(self.heard) > self.stop_after:
+            raise Cancelled("stopped")
+
+    def check_cancelled(self):
+        pass
+
+    def log(self, level, text):
+        self.logged.append((level, text))
+
+
+def image(view, name, sigma=True):
+    bad = ~np.isfinite(view.xyz_mm[..., 0])
+    return RangeImage(
+        view.xyz_mm,
+        bad.astype(np.uint8) * 16,
+        np.full(bad.shape, 99, np.uint8),
+        sigma_mm=np.where(bad, np.nan, 0.05).astype(np.float32) if sigma else None,
+        id=name,
+    )
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return [see(T=pose((0, angle, 0)), noise_mm=0.05, seed=i) for i, angle in enumerate((-20, 0, 20))]
+
+
+@pytest.fixture(scope="module")
+def images(seen):
+    return tuple(image(view, f"view-{i}") for i, view in enumerate(seen))
+
+
+def test_processors_keep_the_contract():
+    for cls in registration_plugin.register_processors():
+        assert isinstance(cls(), Processor)
+        schema = msgspec.json.schema(cls.Params)
+        assert all("description" in field for field in schema["$defs"]["Params"]["properties"].values())
+
+
+@pytest.mark.parametrize("sigma", [True, False])
+def test_register_returns_a_product_that_travels(seen, images, sigma):
+    views = images if sigma else [image(view, f"view-{i}", sigma=False) for i, view in enumerate(seen)]
+    host = Host()
+    product = Register().run({"reference": views[0], "model": views[1]}, Register.Params(), host)
+    assert isinstance(product, Registration) and product.converged
+    assert (product.reference, product.model) == ("view-0", "view-1")
+    assert errors(product.T_reference_model, seen[0], seen[1])[0] < 0.03
+    assert product.covariance.shape == (6, 6) and product.history
+    assert host.heard[0] == 0 and host.heard[-1] == 1
+    assert decode(encode(product)).content.history == product.history
+
+
+def test_start_comes_as_nested_lists(seen, images):
+    start = (seen[0].T_camera_object @ np.linalg.inv(seen[1].T_camera_object)).tolist()
+    params = msgspec.convert({"T_reference_model": start}, Register.Params)
+    assert Register().run({"reference": images[0], "model": images[1]}, params, Host()).converged
+    json.dumps(msgspec.to_builtins(params))
+
+
+def test_failure_is_a_product_that_says_why(images):
+    host = Host()
+    other = image(see(hand, noise_mm=0.05), "hand")
+    product = Register().run({"reference": images[0], "model": other}, Register.Params(), host)
+    assert not product.converged and product.reason
+    assert host.logged[0][0] == "warning"
+
+
+def test_images_that_cannot_be_meant_are_data_errors(images):
+    empty = RangeImage(images[0].xyz_mm * np.float32(np.nan), images[0].rejected, images[0].intensity, id="none")
+    with pytest.raises(DataError, match="0 valid points"):
+        Register().run({"reference": images[0], "model": empty}, Register.Params(), Host())
+    with pytest.raises(DataError, match="view 1 none has 0 valid points"):
+        Merge().run({"views": (images[0], empty)}, Merge.Params(), Host())
+    with pytest.raises(DataError, match="counted from 0"):
+        Merge().run({"views": images}, Merge.Params(reference=7), Host())
+    mirrored = msgspec.convert({"T_reference_model": np.diag([1.0, 1, -1, 1]).tolist()}, Register.Params)
+    with pytest.raises(DataError, match="not rigid"):
+        Register().run({"reference": images[0], "model": images[1]}, mirrored, Host())
+
+
+def test_merge_makes_one_model(seen, images):
+    model = Merge().run({"views": images}, Merge.Params(), Host())
+    assert isinstance(model, Model)
+    assert model.views == ("view-0", "view-1", "view-2")
+    assert [(r.reference, r.model) for r in model.registrations] == [("view-0", "view-1"), ("view-1", "view-2")]
+    assert all(r.history for r in model.registrations)
+    assert errors(model.T_model_view[2], seen[0], seen[2])[1] < 0.05
+    assert model.points_mm.dtype == np.float32 and set(np.unique(model.intensity)) == {99}
+
+
+def test_merge_takes_given_registrations(images):
+    first = Register().run({"reference": images[0], "model": images[1]}, Register.Params(), Host())
+    model = Merge().run({"views": images[:2], "registrations": (first,)}, Merge.Params(), Host())
+    assert np.array_equal(model.T_model_view[1], first.T_reference_model)
+    with pytest.raises(DataError, match="a registration joins"):
+        Merge().run({"views": images[1:], "registrations": (first,)}, Merge.Params(), Host())
+
+
+def test_merge_names_the_pair_that_fails_or_leaves_it_out(images):
+    views = (images[0], image(see(hand, noise_mm=0.05), "hand"), images[1])
+    with pytest.raises(ConvergenceError, match=r"view 1 \(hand\) to view 0 \(view-0\)"):
+        Merge().run({"views": views}, Merge.Params(), Host())
+    host = Host()
+    model = Merge().run({"views": views}, Merge.Params(require_convergence=False), host)
+    assert model.views == ("view-0", "view-1")
+    assert [r.converged for r in model.registrations] == [False, True]
+    assert any("hand" in text for _, text in host.logged)
+
+
+def test_a_single_view_is_a_model(images):
+    model = Merge().run({"views": images[:1]}, Merge.Params(), Host())
+    assert len(model.points_mm) and model.registrations == ()
+
+
+@pytest.mark.parametrize("number", [0, 10, 40])
+def test_both_stop_when_somebody_asks(images, number):
+    with pytest.raises(Cancelled):
+        Merge().run({"views": images}, Merge.Params(), Host(stop_after=number))
+    with pytest.raises(Cancelled):
+        Register().run({"reference": images[0], "model": images[1]}, Register.Params(), Host(stop_after=number // 3))
