@@ -15,6 +15,7 @@ import zmq
 
 from fringed import logs
 from fringed.acquisition import AcquisitionRunner
+from fringed.assembly.memory import INTERVAL_S, Trimmer
 from fringed.config import StationConfig
 from fringed.data import Calibration
 from fringed.errors import FringedError
@@ -83,6 +84,7 @@ class RunningStation:
             parts.work.attach(reactor)
             parts.status.start()
             reactor.every(0.25, parts.status.watch)
+            reactor.every(INTERVAL_S, Trimmer(lambda: bool(parts.house.records.running)))
             if self._notifier.watchdog_s:
                 reactor.every(self._notifier.watchdog_s / 2, self._notifier.alive)
             self._notifier.ready(self._line())
