@@ -10,12 +10,18 @@ from fringed_plugins.registration.transforms import apply, checked, inverse, rig
 
 
 def cloud(n=60, seed=0):
-    return np.random.default_rng(seed).normal(0, (80, 100, 30), (n, 3)) + (5, -8, 1000)
+    return np.random.default_rng(seed).normal(0, (80, 100, 30), (n, 3)) + np.array([5, -8, 1000])
 
 
-MOTIONS = [rigid(rotation(v), t) for v, t in (
-    ((0, 0, 0), (0, 0, 0)), ((0.3, -0.2, 0.5), (10, -20, 30)), ((3.0, 0.4, -0.2), (0, 500, -1e3)), ((0, np.pi, 0), (1, 2, 3)),
-)]  # fmt: skip
+MOTIONS = [
+    rigid(rotation(v), t)
+    for v, t in (
+        ((0, 0, 0), (0, 0, 0)),
+        ((0.3, -0.2, 0.5), (10, -20, 30)),
+        ((3.0, 0.4, -0.2), (0, 500, -1e3)),
+        ((0, np.pi, 0), (1, 2, 3)),
+    )
+]
 
 
 @pytest.mark.parametrize("name", MINIMISERS)

@@ -46,7 +46,9 @@ def test_half_overlap_is_registered_and_told(shape):
     model = see(shape, pose((0, -25, 0)), noise_mm=NOISE, seed=2, columns=(0.32, 1))
     found = run(reference, model)
     assert_right(found, reference, model)
-    assert 0.4 < found.overlap < 0.75  # 36 of 68 % of the width; the middle is longer than the sides
+    points = model.clean_mm[np.isfinite(model.clean_mm[..., 0])] - model.T_camera_object[:3, 3]
+    place = (points @ model.T_camera_object[:3, :3])[:, 0] / (2 * OUTLINES[shape][0]) + 0.5
+    assert found.overlap == pytest.approx((place < 0.68).mean(), abs=0.05)  # borders of 2 pixels are not counted
 
 
 @pytest.mark.parametrize("turn", [(0, 10, 90), (0, 0, 180)])
@@ -82,14 +84,14 @@ def test_covariance_is_what_repetition_scatters():
     T = pose((0, 15, 0))
     clean = see(), see(T=T)
     nees = []
-    for seed in range(12):
+    for seed in range(8):
         views = [see_again(view, 10 * seed + k) for k, view in enumerate(clean)]
         truth = clean[0].T_camera_object @ np.linalg.inv(T)
         found = run(*views, T_reference_model=truth)
         off = found.T_reference_model @ np.linalg.inv(truth)
         small = np.array([off[2, 1], off[0, 2], off[1, 0], *off[:3, 3]])
         nees.append(small @ np.linalg.solve(found.covariance, small))
-    # 72 squares: chi-squared / 12 lies in 3.5 .. 9.5 almost surely; sampling may add as much again
+    # 48 squares: their sum / 8 lies in 3 .. 10 almost surely; sampling may add as much again
     assert 2.5 < np.mean(nees) < 15
 
 
