@@ -9,12 +9,13 @@ from __future__ import annotations
 import numpy as np
 
 from fringed.acquisition.sampling import per_band
-from fringed.acquisition.sinusoids import MIN_PIXELS, GroupFit, misfit_of
+from fringed.acquisition.sinusoids import MIN_PIXELS, NOISE_MARGIN, GroupFit, misfit_of
 from fringed.data import Array, CheckFinding, Float32Array
 
 EXPLAINED = 0.6  # the share of the misfit that a hypothesis must explain
 WHOLE = 0.75  # the share of the earlier frame from which it counts as that frame
 TRACE = 0.15
+CERTAIN = 6.0  # standard deviations
 
 
 def blame_group(grid: Float32Array, fit: GroupFit, relative: Array, limit: float) -> CheckFinding:
@@ -46,9 +47,7 @@ def _held(grid: Float32Array, fit: GroupFit, position: int) -> tuple[float, Arra
     index, rows, valid = fit.indices[position], fit.rows, fit.valid
     error = fit.deleted(position)
     predicted = grid[index].ravel() - error
-    dark = np.float32(np.percentile(grid.min(axis=0), 1))
-    earlier = grid[index - 1].ravel() if index else np.full_like(predicted, dark)
-    towards = earlier - predicted
+    towards = _before(grid, fit, index) - predicted
     cross = per_band(error * towards * valid, rows)
     length = np.maximum(per_band(towards * towards * valid, rows), 1e-9)
     energy = per_band(error * error * valid, rows)
@@ -56,6 +55,37 @@ def _held(grid: Float32Array, fit: GroupFit, position: int) -> tuple[float, Arra
     shares = np.where(told, np.maximum(cross, 0.0) / length, 0.0)
     explained = float((shares[told] * cross[told]).sum() / max(float(energy[told].sum()), 1e-9))
     return explained, shares, told
+
+
+def blame_held(
+    grid: Float32Array, fit: GroupFit, positions: tuple[int, ...], error: Float32Array, inflation: float
+) -> CheckFinding | None:
+    """Return the finding when one of the frames at `positions` holds some of the picture before it.
+
+    That fault has a shape of its own, so it is seen where the misfit is below any limit: in a first pattern
+    that is dark where the object is, or in a group of three. `error` (p,) is that frame minus what it
+    should be, its variance the pixel's times `inflation`.
+    """
+    best, found = 0.0, None
+    noise = float(fit.variance @ fit.valid) * inflation  # the error is in both factors: its noise is no evidence
+    for position in positions:
+        index = fit.indices[position]
+        towards = (_before(grid, fit, index) - grid[index].ravel() + error) * fit.valid
+        length = max(float(towards @ towards), 1e-9)
+        share = (float(towards @ error) - NOISE_MARGIN * noise) / length
+        deviation = float(np.sqrt((towards * towards) @ fit.variance * inflation)) / length
+        if share < TRACE + fit.tone or share < CERTAIN * deviation or share * share * length <= best:
+            continue
+        best = share * share * length
+        before = f"frame {index - 1}" if index else "the black picture shown before it"
+        text = f"frame {index} holds {min(share, 1.0):.0%} of {before}; raise acquisition.latency_s or settle_s"
+        found = CheckFinding("late" if share >= WHOLE else "blended", text, (index,))
+    return found
+
+
+def _before(grid: Float32Array, fit: GroupFit, index: int) -> Float32Array:
+    """Return what was shown before frame `index`: before the first, the idle picture, which is black."""
+    return grid[index - 1].ravel() if index else np.maximum(fit.mean - np.sqrt(fit.power), np.float32(0))
 
 
 def all_late(fits: list[GroupFit], shifted: list[GroupFit], limit: float) -> CheckFinding | None:

@@ -74,10 +74,12 @@ class LatencyCalibration:
     def _transition(self, estimator: LatencyEstimator, levels: _Levels, turn: int) -> None:
         offset_s = max(estimator.next_offset_s(), 0.0)
         after_s = estimator.latest_s + MARGIN_S
-        if not self._triggered:
-            exposure_s = self._cadence.end_of_first_after(self._port.now() + offset_s + 2 * FLIP_LEAD_S)
-            begin_s = (exposure_s or 0.0) - self._cadence.exposure_s
-            self._port.wait_until(begin_s - offset_s - FLIP_LEAD_S)
+        if self._triggered:
+            begin_s = self._cadence.earliest_trigger_s
+        else:
+            end_s = self._cadence.end_of_first_after(self._port.now() + offset_s + 2 * FLIP_LEAD_S)
+            begin_s = (end_s or 0.0) - self._cadence.exposure_s
+        self._port.wait_until(begin_s - offset_s - FLIP_LEAD_S)
         flip_s = self._port.show(turn % 2)
         frames = self._frames_until(flip_s, after_s, offset_s)
         self._add(estimator, levels, frames, flip_s, rising=turn % 2 == 1)

@@ -71,24 +71,22 @@ class LatencyEstimator:
             the samples are too few, or fit no single delay.
         """
         samples = np.array(self._samples)
-        if len(samples) < MIN_SAMPLES or samples[:, 2].max() < LIT or samples[:, 2].min() > DARK:
+        if len(samples) < MIN_SAMPLES or samples[:, 2].max() < LIT:
             raise QualityError(
-                f"the delay from flip to light cannot be told from {len(samples)} frames: they have to be dark before "
-                "and lit after; set acquisition.latency_s by hand, or check that the camera sees the projector"
+                f"the delay from flip to light cannot be told from {len(samples)} frames, none of them lit; set "
+                "acquisition.latency_s by hand, or check that the camera sees the projector"
             )
-        latencies = np.linspace(self.earliest_s - 0.02, self.latest_s, 200)
-        best_s, _, _ = _fit(samples, latencies)
-        fine = np.arange(best_s - 0.004, best_s + 0.004, 5e-5)
-        latency_s, decay_s, costs = _fit(samples, fine)
+        latencies = np.linspace(max(self.earliest_s - 0.02, 0.0), self.latest_s, 800)
+        decay_s, costs = _fit(samples, latencies)
         misfit = float(np.sqrt(costs.min() / len(samples)))
         if misfit > MAX_MISFIT:
             raise QualityError(
                 f"the frames around the flips fit no single delay (misfit {misfit:.3f} of the light, allowed "
                 f"{MAX_MISFIT}); measure again, or set acquisition.latency_s by hand"
             )
-        spread = fine[costs <= costs.min() + 4 * max(ACCURACY, misfit) ** 2]
-        uncertainty_s = float(max(np.ptp(spread) / 2, 1e-4))
-        return LatencyResult(max(float(latency_s), 0.0), uncertainty_s, float(-decay_s * np.log(SETTLED)), len(samples))
+        likely = latencies[costs <= costs.min() + 4 * max(ACCURACY, misfit) ** 2]
+        middle_s, reach_s = float(likely.min() + likely.max()) / 2, float(np.ptp(likely)) / 2
+        return LatencyResult(middle_s, max(reach_s, 1e-4), float(-decay_s * np.log(SETTLED)), len(samples))
 
 
 def light(start_s: Array, end_s: Array, latency_s: Array, decay_s: Array) -> Array:
@@ -100,11 +98,11 @@ def light(start_s: Array, end_s: Array, latency_s: Array, decay_s: Array) -> Arr
     return mean
 
 
-def _fit(samples: Array, latencies: Array) -> tuple[float, float, Array]:
-    """Return the best delay and time constant, and for each delay the least sum of squares."""
+def _fit(samples: Array, latencies: Array) -> tuple[float, Array]:
+    """Return the best time constant, and for each delay the least sum of squares."""
     decays = np.geomspace(5e-5, 8e-3, 24)
-    start_s, end_s, fraction = (column[:, None, None] for column in samples.T)
-    expected = light(start_s, end_s, latencies[None, :, None], decays[None, None, :])
-    costs = np.minimum((fraction - expected) ** 2, OUTLIER**2).sum(axis=0)
-    row, column = np.unravel_index(int(np.argmin(costs)), costs.shape)
-    return float(latencies[row]), float(decays[column]), costs.min(axis=1)
+    costs = np.zeros((len(latencies), len(decays)))
+    for start_s, end_s, fraction in samples:
+        expected = light(start_s, end_s, latencies[:, None], decays[None, :])
+        costs += np.minimum((fraction - expected) ** 2, OUTLIER**2)
+    return float(decays[int(np.argmin(costs)) % len(decays)]), costs.min(axis=1)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringed.acquisition import siblings
-from fringed.acquisition.blame import all_late, blame_group
+from fringed.acquisition.blame import all_late, blame_group, blame_held
 from fringed.acquisition.sampling import Noise
 from fringed.acquisition.sinusoids import GroupFit, fit_group, misfit_of, tone_of, without_tone
 from fringed.data import CheckFinding, Float32Array, PatternSequence
@@ -92,6 +92,8 @@ def _group_findings(pictures: Pictures, fit: GroupFit, fits: list[GroupFit]) -> 
     allowed = pictures.limit + TONE_SPREAD * fit.tone
     wrong = misfit.certain.max() > allowed
     found = [blame_group(pictures.grid, fit, misfit.relative, allowed)] if wrong else []
+    if not wrong and fit.indices[0] == 0:
+        found += _held(pictures, fit, (0,), fit.deleted(0), 1.0 / float(fit.freedom[0]))
     return found, float(misfit.relative.max())
 
 
@@ -100,7 +102,9 @@ def _three_step_findings(pictures: Pictures, fit: GroupFit, fits: list[GroupFit]
     found = _duplicate_findings(pictures, fit)
     others = [other for other in fits if other is not fit and _kin(pictures.sequence, fit, other)]
     if others:
-        misfit = siblings.background_misfit(fit, others)
+        error, inflation = siblings.background_error(fit, others)
+        misfit = siblings.background_misfit(fit, others, error, inflation)
+        found += [] if found else _held(pictures, fit, (0, 1, 2), error, inflation)
         certain, residual = float(misfit.certain.max()), float(misfit.relative.max())
         against = "the other groups'"
     else:
@@ -114,6 +118,13 @@ def _three_step_findings(pictures: Pictures, fit: GroupFit, fits: list[GroupFit]
         )
         found = [CheckFinding("misfit", text, fit.indices)]
     return found, residual
+
+
+def _held(
+    pictures: Pictures, fit: GroupFit, positions: tuple[int, ...], error: Float32Array, inflation: float
+) -> list[CheckFinding]:
+    finding = blame_held(pictures.grid, fit, positions, error, inflation)
+    return [finding] if finding else []
 
 
 def _kin(sequence: PatternSequence, fit: GroupFit, other: GroupFit) -> bool:

@@ -15,15 +15,19 @@ SAME = 0.1  # the share of the expected difference below which two pictures are 
 MIN_FRINGES = 4.0  # across the panel, below which a small object may well look the same twice
 
 
-def background_misfit(fit: GroupFit, others: list[GroupFit]) -> Misfit:
-    """Return how far the group's background is from its siblings', as the error of one of its frames."""
+def background_error(fit: GroupFit, others: list[GroupFit]) -> tuple[Float32Array, float]:
+    """Return the background minus its siblings', as the error of one of its frames, and its noise's inflation."""
     family = others if len(others) == 1 else [fit, *others]  # of three or more, the median outvotes a wrong one
     reference = np.median(np.stack([member.mean for member in family]), axis=0).astype(np.float32)
     steps = len(fit.indices)
-    error = (fit.mean - reference) * np.float32(steps)
+    return (fit.mean - reference) * np.float32(steps), steps * (1.0 + steps / len(others[0].indices))
+
+
+def background_misfit(fit: GroupFit, others: list[GroupFit], error: Float32Array, inflation: float) -> Misfit:
+    """Return how far the group's background is from its siblings', band by band."""
     valid = fit.valid * np.prod([other.valid for other in others], axis=0, dtype=np.float32)
-    inflation = np.array([[steps * (1.0 + steps / len(others[0].indices))]])
-    return relative_misfit(per_band(error * error * valid, fit.rows)[None, :], fit, valid, inflation)
+    energy = per_band(error * error * valid, fit.rows)[None, :]
+    return relative_misfit(energy, fit, valid, np.array([[inflation]]))
 
 
 def background_fringes(fit: GroupFit) -> float:

@@ -32,9 +32,9 @@ MIN_MODULATION = 3.0 / 255.0  # of full scale
 class GroupFit:
     """One group's fit on the grid; pixels `(p,)`, `rows` of them.
 
-    `valid` is 1 where the pixel may judge, else 0. `residual` `(n - 3, p)` are the coordinates, along the
-    rows of `null` `(n - 3, n)`, of what no sinusoid explains. `tone` is the size of the harmonics removed
-    from it, as a deleted residual over the modulation.
+    `valid` is 1 where the pixel may judge, else 0. `residual`
+    `(n - 3, p)` are the coordinates, along the rows of `null` `(n - 3, n)`, of what no sinusoid explains.
+    `tone` is the size of the harmonics removed from it, as a deleted residual over the modulation.
     """
 
     indices: tuple[int, ...]
@@ -127,15 +127,16 @@ def without_tone(fit: GroupFit, amplitudes: tuple[float, ...]) -> GroupFit:
     return replace(fit, residual=residual, tone=size)
 
 
-def _harmonic(fit: GroupFit, order: int) -> Array:
+def _harmonic(fit: GroupFit, order: int) -> Float32Array:
     """Return what `modulation cos(order (phase + shift))` leaves in the residual's coordinates."""
     scale = fit.valid / np.sqrt(np.maximum(fit.power, np.float32(1e-6)))
     unit_real, unit_imag = fit.cosine * scale, fit.sine * -scale
-    real, imag = fit.cosine, -fit.sine
+    real: Array = fit.cosine
+    imag: Array = -fit.sine
     for _ in range(order - 1):
         real, imag = real * unit_real - imag * unit_imag, real * unit_imag + imag * unit_real
     response = (fit.null @ np.exp(1j * order * fit.shifts_rad)).astype(np.complex64)
-    wave: Array = np.outer(response.real, real) - np.outer(response.imag, imag)
+    wave: Float32Array = (np.outer(response.real, real) - np.outer(response.imag, imag)).astype(np.float32, copy=False)
     return wave
 
 
