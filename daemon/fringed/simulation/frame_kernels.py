@@ -114,10 +114,11 @@ def digitise_rows(rows: tuple[int, int], electrons: Any, fixed: Any, key: Any, s
     """
     dark, read2, well, per_dn, offset, top, noisy = sensor
     width = electrons.shape[1]
+    scale = 1.0 / per_dn
     for r in range(rows[0], rows[1]):
         for c in range(width):
             e = electrons[r, c] + dark
             if noisy > 0.0:
                 e += fixed[r, c] + np.sqrt(max(e, 0.0) + read2) * _normal(_uniform(key, r * width + c))
-            number = offset + min(e, well) / per_dn + 0.5
+            number = offset + min(e, well) * scale + 0.5
             out[r, c] = np.uint16(min(max(number, 0.0), top))

@@ -90,25 +90,27 @@ def widened(pattern: Array, width_px: int) -> Array:
 
 @lru_cache(maxsize=8)
 def _taps(sigmas: tuple[float, ...], shift: float) -> Float64Array:
-    """Return the weights (window, levels x 8) of a pixel's neighbours: a box blurred by a Gaussian."""
+    """Return the weights (levels, 8, window) of a pixel's neighbours: a box blurred by a Gaussian."""
     reach = int(np.ceil(4.5 * max(sigmas) + abs(shift))) + 1
-    weights = np.empty((2 * reach + 1, len(sigmas), LINE_SAMPLES))
+    weights = np.empty((len(sigmas), LINE_SAMPLES, 2 * reach + 1))
     for level, sigma in enumerate(sigmas):
         scale = 1 / (sqrt(2) * max(sigma, 1e-4))
         for sample in range(LINE_SAMPLES):
             at = sample / LINE_SAMPLES - 0.5 - shift
             edges = np.array([erf((m - 0.5 - at) * scale) for m in range(-reach, reach + 2)])
-            weights[:, level, sample] = np.diff(edges) / 2
-    return weights.reshape(2 * reach + 1, -1)
+            weights[level, sample] = np.diff(edges) / 2
+    return weights
 
 
 def _line(values: Array, sigmas: tuple[float, ...], shift: float) -> Float32Array:
     taps = _taps(sigmas, shift)
-    reach = len(taps) // 2
+    reach = taps.shape[2] // 2
     padded = np.pad(values, (reach, reach + 1))
-    windows = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(padded, len(taps)))
-    table = (windows @ taps).reshape(-1, len(sigmas), LINE_SAMPLES).transpose(1, 0, 2).reshape(len(sigmas), -1)
-    return np.ascontiguousarray(table[:, : len(values) * LINE_SAMPLES + 2], dtype=np.float32)
+    table = np.empty((len(sigmas), len(values) + 1, LINE_SAMPLES), np.float32)
+    for level in range(len(sigmas)):
+        for sample in range(LINE_SAMPLES):
+            table[level, :, sample] = np.correlate(padded, taps[level, sample], "valid")
+    return table.reshape(len(sigmas), -1)
 
 
 def _picture(values: Array, sigmas: Array, shift: float) -> Float32Array:

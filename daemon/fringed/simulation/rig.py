@@ -77,6 +77,10 @@ class SimulatedRig:
     def _calibration(self) -> Calibration:
         return optics.exact_calibration(self.config, self.identity)
 
+    def order_fault(self, name: str, count: int = 1) -> None:
+        """Let the next `count` occasions for a fault be struck; raises UsageError for one that is unknown."""
+        self.faults.order(name, count)
+
     # The scene.
 
     def set_scene(self, config: SceneConfig, mesh: Mesh | None = None) -> None:

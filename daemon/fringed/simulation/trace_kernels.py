@@ -115,7 +115,7 @@ def pixel_ray(xd: float, yd: float, guess: tuple[float, float], lens: Any) -> tu
         yn = (yd - lens[6] * (r2 + 2.0 * y * y) - 2.0 * lens[7] * x * y) * scale
         step = abs(xn - x) + abs(yn - y)
         x, y = xn, yn
-        if step < 1e-12:
+        if step < 1e-11:
             break
     return x, y
 
@@ -147,26 +147,27 @@ def _mesh_hit(
         bx, by, bz = triangles[i, 2, 0], triangles[i, 2, 1], triangles[i, 2, 2]
         px, py, pz = d1 * bz - d2 * by, d2 * bx - d0 * bz, d0 * by - d1 * bx
         det = ax * px + ay * py + az * pz
-        if abs(det) < 1e-14:
+        size = abs(det)
+        if size < 1e-14:
             continue
-        det = 1.0 / det
+        sign, slack = (1.0 if det > 0.0 else -1.0), _EDGE * size
         sx, sy, sz = o0 - triangles[i, 0, 0], o1 - triangles[i, 0, 1], o2 - triangles[i, 0, 2]
-        u = (sx * px + sy * py + sz * pz) * det
-        if u < -_EDGE or u > 1.0 + _EDGE:
+        u = (sx * px + sy * py + sz * pz) * sign  # barycentric times |det|: few candidates are worth a division
+        if u < -slack or u > size + slack:
             continue
         qx, qy, qz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
-        w = (d0 * qx + d1 * qy + d2 * qz) * det
-        if w < -_EDGE or u + w > 1.0 + _EDGE:
+        w = (d0 * qx + d1 * qy + d2 * qz) * sign
+        if w < -slack or u + w > size + slack:
             continue
-        t = (bx * qx + by * qy + bz * qz) * det
+        t = (bx * qx + by * qy + bz * qz) / det
         if _NEAR < t < best:
-            best, which, b1, b2 = t, i, u, w
+            best, which, b1, b2 = t, i, u / size, w / size
             if first:
                 break
     return best, which, b1, b2
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _sphere_hit(sphere: Any, o: Any, d: Any) -> float:
     """Return the parameter of the first intersection, or infinity."""
     if sphere[3] <= 0.0:
@@ -221,30 +222,28 @@ def _surface(
     return float(b0 * solid.albedo[f0] + b1 * solid.albedo[f1] + b2 * solid.albedo[f2])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _light(view: Any, p: Any, normal: Any, pixel: tuple[float, float]) -> float:
     """Return the projector's light that reaches the camera per albedo: cosine, distance, gloss and its corners."""
-    far, eye = 0.0, 0.0
-    for k in range(3):
-        far += (view.centre[k] - p[k]) ** 2
-        eye += p[k] * p[k]
-    cosine, half, half_length = 0.0, 0.0, 0.0
-    for k in range(3):
-        to_light = (view.centre[k] - p[k]) / np.sqrt(far)
-        h = to_light - p[k] / np.sqrt(eye)
-        cosine += normal[k] * to_light
-        half += normal[k] * h
-        half_length += h * h
-    if cosine <= 0.0:
-        return 0.0
-    lens, optics = view.projector, view.optics
-    x, y = 2.0 * (pixel[0] - lens[2]) / lens[9], 2.0 * (pixel[1] - lens[3]) / lens[10]
-    corner = 1.0 - optics[3] * (x * x + y * y) / 2.0
-    gloss = optics[0] * max(half / np.sqrt(half_length), 0.0) ** _GLOSS if optics[0] > 0.0 else 0.0
-    return float((cosine + gloss) * corner * optics[7] / far)
+    lx, ly, lz = view.centre[0] - p[0], view.centre[1] - p[1], view.centre[2] - p[2]
+    far = lx * lx + ly * ly + lz * lz
+    near = 1.0 / np.sqrt(far)
+    cosine = (normal[0] * lx + normal[1] * ly + normal[2] * lz) * near
+    given = 0.0
+    if cosine > 0.0:
+        lens, optics = view.projector, view.optics
+        x, y = 2.0 * (pixel[0] - lens[2]) / lens[9], 2.0 * (pixel[1] - lens[3]) / lens[10]
+        given = cosine
+        if optics[0] > 0.0:
+            eye = 1.0 / np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+            hx, hy, hz = lx * near - p[0] * eye, ly * near - p[1] * eye, lz * near - p[2] * eye
+            half = (normal[0] * hx + normal[1] * hy + normal[2] * hz) / np.sqrt(hx * hx + hy * hy + hz * hz)
+            given += optics[0] * max(half, 0.0) ** _GLOSS
+        given *= (1.0 - optics[3] * (x * x + y * y) / 2.0) * optics[7] / far
+    return float(given)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _project(view: Any, p: Any, q: Any) -> tuple[float, float]:
     T = view.T_projector_camera
     for k in range(3):
@@ -254,7 +253,7 @@ def _project(view: Any, p: Any, q: Any) -> tuple[float, float]:
     return _pixel(q[0] / q[2], q[1] / q[2], view.projector)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _shadowed(solid: Any, grid: Any, view: Any, p: Any, q: Any, d: Any) -> bool:
     for k in range(3):
         d[k] = p[k] - view.centre[k]
@@ -265,7 +264,7 @@ def _shadowed(solid: Any, grid: Any, view: Any, p: Any, q: Any, d: Any) -> bool:
     return bool(_mesh_hit(solid.triangles, grid, xy, (view.centre, d), end, True)[1] != NOTHING)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, inline="always")
 def _nearest(solid: Any, grid: Any, o: Any, d: Any) -> tuple[float, int, float, float]:
     t, which, b1, b2 = _mesh_hit(solid.triangles, grid, (d[0], d[1]), (o, d), np.inf, False)
     ball = _sphere_hit(solid.sphere, o, d)
@@ -283,12 +282,15 @@ def trace_rows(rows: tuple[int, int], solid: Any, grids: tuple[Any, Any], view: 
     normal, flat = np.empty(3), np.empty(3)
     camera, projector, optics = view.camera, view.projector, view.optics
     for r in range(rows[0], rows[1]):
-        yd, ahead, below = (r - camera[3]) / camera[1], 0.0, 0.0
+        yd = (r - camera[3]) / camera[1]
+        ahead, below, ahead_before, below_before = 0.0, 0.0, 0.0, 0.0
         for c in range(out.flags.shape[1]):
             xd = (c - camera[2]) / camera[0]
-            d[0], d[1] = pixel_ray(xd, yd, (xd + ahead, yd + below), camera)
+            # The neighbours' distortion, continued: it needs one iteration or two from there.
+            guess = (xd + 2.0 * ahead - ahead_before, yd + 2.0 * below - below_before)
+            d[0], d[1] = pixel_ray(xd, yd, guess, camera)
             d[2] = 1.0
-            ahead, below = d[0] - xd, d[1] - yd  # the neighbour's distortion, nearly
+            ahead_before, below_before, ahead, below = ahead, below, d[0] - xd, d[1] - yd
             t, which, b1, b2 = _nearest(solid, grids[0], o, d)
             out.gain[r, c], out.base[r, c], out.level[r, c], out.flags[r, c] = 0.0, 0.0, 0.0, 0
             out.column[r, c], out.row[r, c], out.depth[r, c] = np.nan, np.nan, np.nan

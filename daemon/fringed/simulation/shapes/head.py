@@ -64,7 +64,7 @@ def _directions(rows: int, columns: int) -> Float32Array:
     """Return unit vectors (rows, columns, 3) from crown to neck, closer to each other on the face."""
     turn = np.linspace(-np.pi, np.pi, columns, endpoint=False)
     azimuth = turn - 0.35 * np.sin(turn)
-    polar = np.linspace(1e-3, np.pi - 1e-3, rows)[:, None]
+    polar = np.linspace(0.0, np.pi, rows)[:, None]
     polar = polar + 0.12 * np.sin(2 * polar)
     flat = np.sin(polar)
     vectors = [flat * np.sin(azimuth), np.cos(polar) * np.ones_like(azimuth), flat * np.cos(azimuth)]
