@@ -84,7 +84,8 @@ def report(station: Station, result: ScanResult, folder: Path | None, options: O
         output.emit({"scan": result.state, "files": [str(path) for path in files]})
         return
     state = result.state
-    mark = "  SIMULATED" if station.hello.get("simulated") else ""
+    simulated = station.hello.get("simulated") or any(row["simulated"] for row in station.list(scan=state.id))
+    mark = "  SIMULATED" if simulated else ""
     rows: dict[str, Any] = {state.pipeline or "job": f"{state.id} {state.state}{mark}"}
     rows |= {f"set {role}": set_id for role, set_id in state.frame_sets.items()}
     rows |= {str(p.get("stage") or p.get("role") or p["kind"]): f"{p['kind']} {p['id']}" for p in state.products}

@@ -56,7 +56,7 @@ class Artist:
             "mask": maps.draw_mask(folder / "mask.png", image.rejected, True),
             "depth": maps.draw_depth(folder / "depth.png", image),
             "error": charts.draw_error_map(folder / "error.png", error, image.sigma_mm, "against the truth", True),
-            **views.draw_views(folder, image, 560),
+            **views.draw_views(folder, image, 520, ("x-y", "oblique")),
         }
         self.seconds += time.perf_counter() - began
         return {"figures": measure.view_figures(image, truth), "pictures": drawn}
@@ -76,8 +76,9 @@ class Artist:
             **views.draw_views(folder, model, 700),
             "registration error": _registration_error(folder / "registration-error.png", model, images, transforms),
             "model error": views.draw_painted(
-                folder / "model-error.png", points, normals, error * 1000,
-                title="model against the true surface", label="distance / µm", simulated=True,
+                folder / "model-error.png",
+                [views.Painted(points, normals, error * 1000, "model against the true surface")],
+                "distance / µm", simulated=True,
             ),
             "convergence": charts.draw_convergence(folder / "convergence.png", model.registrations, True),
         }  # fmt: skip
@@ -112,14 +113,12 @@ def _registration_error(path: Path, model: Model, images: list[RangeImage], true
     """Paint how far registration puts each view's points from where they belong."""
     from fringed_client.pictures import views
 
-    points, normals, errors = [], [], []
+    painted = []
     for view, image in enumerate(images[1:], 1):
-        own, own_normals, _ = cloud_of(np.ascontiguousarray(image.xyz_mm[::2, ::2]))
+        own, normals, _ = cloud_of(np.ascontiguousarray(image.xyz_mm[::2, ::2]))
         estimated = model.T_model_view[view]
-        points.append(own @ estimated[:3, :3].T + estimated[:3, 3])
-        normals.append(own_normals @ estimated[:3, :3].T)
-        errors.append(np.linalg.norm(measure.displacement(estimated, true[view], own), axis=1))
-    return views.draw_painted(
-        path, np.concatenate(points), np.concatenate(normals), np.concatenate(errors) * 1000, signed=False,
-        title="misplacement by registration", label="distance from the true place / µm", simulated=True,
-    )  # fmt: skip
+        error = np.linalg.norm(measure.displacement(estimated, true[view], own), axis=1) * 1000
+        placed = own @ estimated[:3, :3].T + estimated[:3, 3]
+        turned = normals @ estimated[:3, :3].T
+        painted.append(views.Painted(placed, turned, error, f"misplacement of view {view + 1}"))
+    return views.draw_painted(path, painted, "distance from the true place / µm", signed=False, simulated=True)

@@ -13,7 +13,18 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from fringed.data import Array, Registration
-from fringed_client.pictures.figures import ACCENT, FAINT, INK, colour_bar, figure, labelled, save, thinned, titled
+from fringed_client.pictures.figures import (
+    ACCENT,
+    FAINT,
+    INK,
+    PAPER,
+    colour_bar,
+    figure,
+    labelled,
+    save,
+    thinned,
+    titled,
+)
 
 _COLOURS = ("#2e6f95", "#b3541e", "#4c8c5a", "#7d5ba6", "#a68a2d")
 
@@ -29,7 +40,9 @@ def draw_convergence(path: Path, registrations: Sequence[Registration], simulate
         colour = _COLOURS[number % len(_COLOURS)]
         axes.plot(range(1, len(rms) + 1), rms, marker="o", markersize=3.5, linewidth=1.4, color=colour, label=label)
         _mark_stages(axes, registration, colour)
-    axes.set_yscale("log")
+    every = [record.rms_mm for registration in registrations for record in registration.history]
+    if every and max(every) > 5 * max(min(every), 1e-9):
+        axes.set_yscale("log")
     axes.grid(True, which="both", linewidth=0.3, color="#d9d9d4")
     axes.legend(fontsize=8, frameon=False)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -43,7 +56,7 @@ def _mark_stages(axes: Any, registration: Registration, colour: str) -> None:
     for index, record in enumerate(registration.history):
         if record.stage and record.stage != previous:
             axes.annotate(
-                record.stage, (index + 1, record.rms_mm), textcoords="offset points", xytext=(3, 6), fontsize=7,
+                record.stage, (index + 1, record.rms_mm), textcoords="offset points", xytext=(4, 5), fontsize=7,
                 color=colour,
             )  # fmt: skip
             previous = record.stage
@@ -52,10 +65,11 @@ def _mark_stages(axes: Any, registration: Registration, colour: str) -> None:
 def draw_error_map(path: Path, error_mm: Array, sigma_mm: Array | None, title: str, simulated: bool) -> Path:
     """Draw signed errors over camera pixels, and their distribution against the predicted one."""
     kept = np.isfinite(error_mm)
-    top = float(np.percentile(np.abs(error_mm[kept]), 99)) if kept.any() else 1.0
+    top = float(np.percentile(np.abs(error_mm[kept]), 98)) if kept.any() else 1.0
     height, width = error_mm.shape
     drawn = figure(10.2, 7.0 * 0.80 * height / width + 0.75)
     left, right = drawn.subplots(1, 2, width_ratios=(2.5, 1))
+    left.set_facecolor(PAPER)
     shown = left.imshow(
         thinned(error_mm * 1000), cmap="RdBu_r", vmin=-top * 1000, vmax=top * 1000,
         extent=(-0.5, width - 0.5, height - 0.5, -0.5), interpolation="nearest",

@@ -29,10 +29,13 @@ def figure(width_in: float, height_in: float) -> Figure:
     return drawn
 
 
-def titled(axes: Any, title: str, simulated: bool) -> None:
-    """Put the title at the left and, where it applies, SIMULATED at the right."""
-    axes.set_title(title, loc="left", fontsize=10.5, color=INK, pad=7)
-    if simulated:
+def titled(axes: Any, title: str, simulated: bool, narrow: bool = False) -> None:
+    """Put the title at the left and, where it applies, SIMULATED at the right (below, if narrow)."""
+    axes.set_title(title, loc="left", fontsize=10.5, color=INK, pad=18 if simulated and narrow else 7)
+    if simulated and narrow:
+        axes.annotate("SIMULATED", (0, 1), xycoords="axes fraction", xytext=(0, 5), textcoords="offset points",
+                      fontsize=8, color=ACCENT, fontweight="bold")  # fmt: skip
+    elif simulated:
         axes.set_title("SIMULATED", loc="right", fontsize=8, color=ACCENT, fontweight="bold", pad=7)
     axes.tick_params(labelsize=8, colors=INK, length=3)
     for spine in axes.spines.values():

@@ -108,13 +108,17 @@ def draw_mask(path: Path, rejected: Array, simulated: bool) -> Path:
                 interpolation="nearest")  # fmt: skip
     shares = [np.mean(first == reason) for reason in present]
     patches = [
-        Patch(facecolor=_REASONS[r][1], edgecolor=INK, linewidth=0.4, label=f"{_REASONS[r][0]} ({share:.1%})")
+        Patch(facecolor=_REASONS[r][1], edgecolor=INK, linewidth=0.4, label=f"{_REASONS[r][0]} ({_percent(share)})")
         for r, share in zip(present, shares, strict=True)
     ]
     axes.legend(handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=3, fontsize=8, frameon=False)
     titled(axes, "mask", simulated)
     labelled(axes, "column / px", "row / px")
     return save(drawn, path)
+
+
+def _percent(share: float) -> str:
+    return f"{share:.1%}" if share >= 0.001 else "< 0.1%"
 
 
 def draw_depth(path: Path, image: RangeImage) -> Path:

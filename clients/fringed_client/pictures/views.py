@@ -5,7 +5,8 @@ Owns their axes and scale bars; `shading` renders.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
 from fringed.data import Array, Model, RangeImage
-from fringed_client.pictures.figures import FAINT, INK, colour_bar, figure, labelled, limits, save, titled
+from fringed_client.pictures.figures import INK, colour_bar, figure, labelled, limits, save, titled
 from fringed_client.pictures.geometry import cloud_of
 from fringed_client.pictures.shading import PAPER, VIEWS, Rendering, View, render_points
 
 _NAMES = {"x-y": "X–Y, from the camera", "y-z": "Y–Z, from the side", "x-z": "X–Z, from above", "oblique": "oblique"}
+NARROW_PX = 330
 _STEPS_MM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 
 
@@ -57,7 +59,7 @@ def _draw_rendering(path: Path, rendering: Rendering, view: View, simulated: boo
     drawn = figure(width / 110 + 1.0, height / 110 + 0.95)
     axes = drawn.add_subplot()
     _show(axes, rendering, view)
-    titled(axes, _NAMES.get(view.name, view.name), simulated)
+    titled(axes, _NAMES.get(view.name, view.name), simulated, narrow=width < NARROW_PX)
     return save(drawn, path)
 
 
@@ -83,31 +85,41 @@ def _scale_bar(axes: Any, rendering: Rendering) -> None:
     )
 
 
+@dataclass(frozen=True)
+class Painted:
+    """A surface with a value for each point: points (n, 3) in mm, unit normals (n, 3), values (n,)."""
+
+    points_mm: Array
+    normals: Array
+    values: Array
+    title: str
+
+
 def draw_painted(
     path: Path,
-    points_mm: Array,
-    normals: Array,
-    values: Array,
-    *,
-    title: str,
+    surfaces: Sequence[Painted],
     label: str,
+    *,
     signed: bool = True,
     simulated: bool = False,
     view: str = "x-y",
 ) -> Path:
-    """Paint values on a shaded surface, over a diverging colour map when they are signed."""
-    rendering = render_points(points_mm, normals, VIEWS[view], 620, values)
-    top = max(abs(limit) for limit in limits(values, 1, 99)) if signed else limits(values, 1, 99)[1]
+    """Paint values on shaded surfaces, side by side over one colour map (a diverging one when they are signed)."""
+    together = np.concatenate([surface.values for surface in surfaces])
+    top = max(abs(limit) for limit in limits(together, 1, 99)) if signed else limits(together, 1, 99)[1]
     norm = Normalize(-top if signed else 0.0, top)
     colours = colormaps["RdBu_r" if signed else "viridis"]
-    painted = _painted(rendering, norm, colours)
-    height, width = painted.rgb.shape[:2]
-    drawn = figure(width / 110 + 1.9, height / 110 + 0.95)
-    axes = drawn.add_subplot()
-    _show(axes, painted, VIEWS[view])
-    colour_bar(drawn, ScalarMappable(norm, colours), axes, label, "both" if signed else "max")
-    titled(axes, title, simulated)
-    axes.text(0.99, 0.01, f"{len(points_mm):,} points", transform=axes.transAxes, ha="right", fontsize=7, color=FAINT)
+    shown = [
+        _painted(render_points(s.points_mm, s.normals, VIEWS[view], 620, s.values), norm, colours) for s in surfaces
+    ]
+    height = max(picture.rgb.shape[0] for picture in shown)
+    width = sum(picture.rgb.shape[1] for picture in shown)
+    drawn = figure(width / 110 + 1.2 + 0.7 * len(shown), height / 110 + 0.95)
+    panels = drawn.subplots(1, len(shown), squeeze=False)[0]
+    for axes, picture, surface in zip(panels, shown, surfaces, strict=True):
+        _show(axes, picture, VIEWS[view])
+        titled(axes, surface.title, simulated and axes is panels[-1], narrow=len(shown) > 1)
+    colour_bar(drawn, ScalarMappable(norm, colours), panels, label, "both" if signed else "max")
     return save(drawn, path)
 
 
