@@ -11,10 +11,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from fringed.acquisition.pictures import Pictures, fit_frames, judged_groups, picture_findings
+from fringed.acquisition.pictures import Pictures, fit_frames, judged_groups, picture_findings, share_tone
 from fringed.acquisition.sampling import full_scale, grid_step, noise_of, sample
 from fringed.acquisition.siblings import Repeats
-from fringed.acquisition.sinusoids import GroupFit
+from fringed.acquisition.sinusoids import GroupFit, tone_of
 from fringed.config import CheckConfig
 from fringed.data import Array, CameraSettings, CheckFinding, CheckReport, Float32Array, FrameStamp, PatternSequence
 from fringed.errors import DataError
@@ -33,6 +33,7 @@ class SetCheck:
         self._step = 1
         self._pictures: Pictures | None = None
         self._fits: dict[tuple[int, ...], GroupFit] = {}
+        self._tones: list[tuple[float, ...] | None] = []
         self._repeats = Repeats(sequence)
         self._repeated: dict[int, int] = {}
 
@@ -46,7 +47,8 @@ class SetCheck:
             self._repeated[index] = earlier
         for indices in judged_groups(self._sequence):
             if index == indices[-1] and self._have[list(indices)].all():
-                self._fits[indices] = fit_frames(pictures, indices)
+                self._fits[indices] = fit = fit_frames(pictures, indices)
+                self._tones.append(tone_of(fit))
 
     def _begin(self, image: Array) -> Pictures:
         self._step = grid_step(image.shape, self._limits.grid_px)
@@ -68,7 +70,7 @@ class SetCheck:
             missing = tuple(int(i) for i in np.flatnonzero(~self._have))
             findings.insert(0, CheckFinding("count", f"no frame came for patterns {missing}", missing))
             return CheckReport(False, tuple(findings), counters_skipped=lost)
-        fits = list(self._fits.values())
+        fits = share_tone(self._sequence, list(self._fits.values()), self._tones)
         grid, top = self._pictures.grid, self._pictures.top
         saturated = float((grid.max(axis=0) >= top).mean())
         lit = _lit_fraction(grid, fits, top)

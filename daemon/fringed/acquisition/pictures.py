@@ -46,9 +46,8 @@ def fit_frames(pictures: Pictures, indices: tuple[int, ...], late: int = 0) -> G
     return fit_group(pictures.grid, tuple(i + late for i in indices), shifts, pictures.noise, pictures.top)
 
 
-def share_tone(sequence: PatternSequence, fits: list[GroupFit]) -> list[GroupFit]:
-    """Remove the tone curve's harmonics from every fit, with the amplitudes of a kin group where need be."""
-    own = [tone_of(fit) for fit in fits]
+def share_tone(sequence: PatternSequence, fits: list[GroupFit], own: list[tuple[float, ...] | None]) -> list[GroupFit]:
+    """Remove the tone curve's harmonics from every fit: its `own`, or where that is None a kin group's."""
     shared = []
     for fit, amplitudes in zip(fits, own, strict=True):
         kin = [a for other, a in zip(fits, own, strict=True) if a is not None and _kin(sequence, fit, other)]
@@ -69,7 +68,6 @@ def picture_findings(
         CheckFinding("repeated", f"frame {later} is frame {earlier} again, to the last bit", (later,))
         for later, earlier in repeats.items()
     ]
-    fits = share_tone(pictures.sequence, fits)
     worst = 0.0
     for fit in fits:
         found, residual = _group_findings(pictures, fit, fits)
@@ -79,7 +77,7 @@ def picture_findings(
     if len(findings) > len(repeats) + 1:
         last = len(pictures.grid) - 1
         moved = [fit_frames(pictures, fit.indices, late=1) for fit in fits if fit.indices[-1] < last]
-        moved = share_tone(pictures.sequence, moved)
+        moved = share_tone(pictures.sequence, moved, [tone_of(fit) for fit in moved])
         everything = all_late(fits, moved, pictures.limit)
         findings = [everything] if everything else findings
     return findings, worst

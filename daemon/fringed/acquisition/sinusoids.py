@@ -108,10 +108,11 @@ def tone_of(fit: GroupFit) -> tuple[float, ...] | None:
         return None
     amplitudes = []
     for order in (2, 3):
+        if np.abs(_response(fit, order)).max() < 1e-3:  # four steps do not see the third
+            amplitudes.append(0.0)
+            continue
         wave = _harmonic(fit, order)
-        scale = float(np.vdot(wave, wave))
-        judged = scale > 1e-3 * float((fit.power * fit.valid).sum())
-        amplitudes.append(float(np.vdot(wave, fit.residual)) / scale if judged else 0.0)
+        amplitudes.append(float(np.vdot(wave, fit.residual)) / max(float(np.vdot(wave, wave)), 1e-9))
     return tuple(amplitudes)
 
 
@@ -122,9 +123,15 @@ def without_tone(fit: GroupFit, amplitudes: tuple[float, ...]) -> GroupFit:
     for order, amplitude in zip((2, 3), amplitudes, strict=True):
         if len(fit.null) and abs(amplitude) > NEGLIGIBLE:
             residual = residual - np.float32(amplitude) * _harmonic(fit, order)
-            response = np.abs(fit.null.T @ (fit.null @ np.exp(1j * order * fit.shifts_rad))) / fit.freedom
+            response = np.abs(fit.null.T @ _response(fit, order)) / fit.freedom
             size = max(size, abs(amplitude) * float(response.max()) / 2**0.5)
     return replace(fit, residual=residual, tone=size)
+
+
+def _response(fit: GroupFit, order: int) -> Array:
+    """Return the residual's coordinates of a unit harmonic at phase 0, complex `(n - 3,)`."""
+    response: Array = (fit.null @ np.exp(1j * order * fit.shifts_rad)).astype(np.complex64)
+    return response
 
 
 def _harmonic(fit: GroupFit, order: int) -> Float32Array:
@@ -135,7 +142,7 @@ def _harmonic(fit: GroupFit, order: int) -> Float32Array:
     imag: Array = -fit.sine
     for _ in range(order - 1):
         real, imag = real * unit_real - imag * unit_imag, real * unit_imag + imag * unit_real
-    response = (fit.null @ np.exp(1j * order * fit.shifts_rad)).astype(np.complex64)
+    response = _response(fit, order)
     wave: Float32Array = (np.outer(response.real, real) - np.outer(response.imag, imag)).astype(np.float32, copy=False)
     return wave
 
