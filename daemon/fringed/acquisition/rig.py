@@ -61,6 +61,7 @@ class Device:
         self.state: DeviceStateName = "ABSENT"
         self.identity = ""
         self.detail = "not opened yet"
+        self._tried = False
 
     @property
     def is_open(self) -> bool:
@@ -91,7 +92,11 @@ class Device:
         if self.is_open:
             return
         reason = self.detail
+        check_transition(self.which, self.state, "CONNECTING")
         self.state, self.detail = "CONNECTING", ""
+        if not self._tried:  # an absent device is tried again and again: say it once
+            self._report(self.which, self.snapshot())
+        self._tried = True
         try:
             with self.guarded("open"):
                 self.identity = self._device.open()
@@ -99,9 +104,10 @@ class Device:
             changed = error.message != reason
             self.state, self.detail = "ABSENT" if isinstance(error, DeviceAbsent) else "FAULT", error.message
             self._shut()
-            if changed:  # an absent device is tried again and again: say it once
+            if changed:
                 self._report(self.which, self.snapshot())
             raise
+        self._tried = False
         self.go("IDLE")
 
     def fail(self, error: DeviceError) -> None:

@@ -223,8 +223,11 @@ def test_device_that_appears_is_opened_without_hands():
     with Bench(fake) as bench:
         wait_for(lambda: ("camera", "IDLE") in bench.states)
         assert ("projector", "IDLE") not in bench.states
+        time.sleep(0.1)
         fake.present["projector"] = True
         wait_for(lambda: ("projector", "IDLE") in bench.states)
+    said = [state for which, state in bench.states if which == "projector"]
+    assert said == ["CONNECTING", "ABSENT", "IDLE", "ABSENT"]  # each once, however often it was tried
 
 
 def wait_for(condition):
