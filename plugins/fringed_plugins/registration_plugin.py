@@ -109,9 +109,10 @@ class Register:
         reference, model = inputs["reference"], inputs["model"]
         options = params.options(context.threads, params.T_reference_model)
         try:
-            context.progress(0.0, "preparing")
-            surfaces = _surface(reference, "reference"), _surface(model, "model")
-            alignment = register(*surfaces, options, _report(context))
+            context.progress(0.0, "preparing the reference")
+            fixed = _surface(reference, "reference")
+            context.progress(0.0, "preparing the model")
+            alignment = register(fixed, _surface(model, "model"), options, _report(context))
         except DataError:
             raise
         except ValueError as error:

@@ -74,9 +74,7 @@ def main() -> int:
             except ImportError:
                 continue
             degrees, mm = errors(T, *pair)
-            print(
-                f"INFO  small_gicp GICP coarse to fine, the same pair: {seconds:.2f} s, {degrees:.4f} deg, {mm:.4f} mm"
-            )
+            print(f"INFO  small_gicp GICP, coarse to fine, same pair: {seconds:.2f} s, {degrees:.4f} deg, {mm:.4f} mm")
         merging(shape, [views[shape, i] for i in range(3)])
     return 0
 

@@ -57,6 +57,7 @@ def tournament(
     score = np.zeros(len(T))
     for number, game in enumerate(ROUNDS):
         level = reference.level(game.reference_points)
+        report(number / len(ROUNDS), f"first guesses, {len(T)} left")
         points, normals = _sample(model.level(4 * game.model_points), game.model_points)
         race = _Race(level, points, normals, threads)
         for _ in range(game.iterations):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fringed_plugins.registration.normals import BoolArray, healed, normals, tangents
 from fringed_plugins.registration.surface import Surface
-from fringed_plugins.registration.transforms import FloatArray
+from fringed_plugins.registration.transforms import FloatArray, turned
 
 Array = npt.NDArray[Any]
 WALKS = 2
@@ -84,7 +84,7 @@ def fit_projection(surface: Surface) -> FloatArray:
 def feet(grid: Grid, points: Array) -> Feet:
     """Return the feet of `points` (n, 3), given relative to the surface's origin."""
     h, w = grid.usable.shape
-    uvw = points @ grid.projection[:, :3].T + grid.projection[:, 3]
+    uvw = turned(grid.projection[:, :3], points) + grid.projection[:, 3]
     ahead = uvw[:, 2] > 1e-6
     scale = 1.0 / np.where(ahead, uvw[:, 2], 1.0)
     column, row = (np.rint(np.clip(uvw[:, k] * scale, -1e6, 1e6)).astype(np.intp) for k in (0, 1))

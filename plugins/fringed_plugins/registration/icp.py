@@ -16,7 +16,7 @@ from fringed_plugins.registration.plane import MOST_TURN_RAD, jacobian, limited,
 from fringed_plugins.registration.rejection import mad_scale, tukey_weights, zhang_limit
 from fringed_plugins.registration.result import Iteration
 from fringed_plugins.registration.surface import Level
-from fringed_plugins.registration.transforms import FloatArray, apply, orthonormal
+from fringed_plugins.registration.transforms import FloatArray, apply, orthonormal, turned
 
 MIN_PAIRS = 30
 SWINGS = 4  # changing pairs can keep the loop swinging within its own uncertainty for ever
@@ -71,17 +71,17 @@ def pair(
 ) -> Paired:
     """Return the pairs that count: normals agree, partner not on the boundary, not beyond Zhang's limit."""
     points, normals, sigma = model.inner()
-    moved, turned = apply(T, points), normals @ T[:3, :3].T
+    moved, facing_now = apply(T, points), turned(T[:3, :3], normals)
     matches = matcher(moved, T)
     facing = reference.normals[matches.index]
-    agree = np.einsum("ij,ij->i", facing, turned)
+    agree = np.einsum("ij,ij->i", facing, facing_now)
     keep = np.flatnonzero(reference.interior[matches.index] & (agree > settings.normals_cos))
     distance = matches.distance_mm[keep]
     if limit_mm is None:
         limit_mm = zhang_limit(distance, reference.spacing_mm) if keep.size else 0.0
     near = keep[distance <= limit_mm]
     index = matches.index[near]
-    n = facing[near] + turned[near] if settings.symmetric else facing[near].copy()
+    n = facing[near] + facing_now[near] if settings.symmetric else facing[near].copy()
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     partners = reference.points[index]
     residual = np.einsum("ij,ij->i", moved[near] - partners, n)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from fringed_plugins.registration.footpoints import Grid, build_grid, feet
 from fringed_plugins.registration.result import Report, silent
 from fringed_plugins.registration.surface import Surface
-from fringed_plugins.registration.transforms import FloatArray, apply, inverse, translation
+from fringed_plugins.registration.transforms import FloatArray, apply, inverse, translation, turned
 
 Array = npt.NDArray[Any]
 FEATHER_PX = 20.0
@@ -129,7 +129,7 @@ def _fuse(seen: Sequence[_Seen], number: int, pixels: npt.NDArray[np.intp]) -> t
     own = seen[number]
     x = own.grid.surface.xyz.reshape(-1, 3)[pixels].astype(np.float64)
     n = own.grid.normals.reshape(-1, 3)[pixels].astype(np.float64)
-    x, n = apply(own.T_model_centred, x), n @ own.T_model_centred[:3, :3].T
+    x, n = apply(own.T_model_centred, x), turned(own.T_model_centred[:3, :3], n)
     w = own.weight[pixels].astype(np.float64)
     keep, total = np.ones(len(pixels), bool), w.copy()
     shift, direction = np.zeros_like(x), w[:, None] * n
@@ -138,7 +138,7 @@ def _fuse(seen: Sequence[_Seen], number: int, pixels: npt.NDArray[np.intp]) -> t
             continue
         T = inverse(other.T_model_centred)
         foot = feet(other.grid, apply(T, x))
-        facing = other.grid.normals.reshape(-1, 3)[foot.index] @ T[:3, :3]
+        facing = turned(T[:3, :3].T, other.grid.normals.reshape(-1, 3)[foot.index])
         same = foot.found & (np.abs(foot.residual_mm) < _tolerance(own, other))
         same &= np.einsum("ij,ij->i", facing, n) > SAME_SIDE_COS
         weight = np.where(same, other.weight[foot.index], 0.0)

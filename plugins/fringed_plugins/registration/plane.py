@@ -33,8 +33,8 @@ def jacobian(points: Array, normals: Array) -> Array:
 
 
 def information(rows: Array, weights: Array) -> Array:
-    """Return H = J^T W J, (..., 6, 6)."""
-    H: Array = np.swapaxes(rows * weights[..., None], -1, -2) @ rows
+    """Return H = J^T W J, (..., 6, 6); not by BLAS, whose threads would wait for each other (see `turned`)."""
+    H: Array = np.einsum("...ni,...nj->...ij", rows * weights[..., None], rows)
     return H
 
 
@@ -44,7 +44,7 @@ def step(rows: Array, residual_mm: Array, weights: Array) -> tuple[Array, Array]
     Directions that the pairs do not determine stand still; `verify` tells of them.
     """
     H = information(rows, weights)
-    g = (np.swapaxes(rows, -1, -2) @ (weights * residual_mm)[..., None])[..., 0]
+    g = np.einsum("...ni,...n->...i", rows, weights * residual_mm)
     scale = np.sqrt(np.maximum(np.diagonal(H, axis1=-2, axis2=-1), 1e-300))
     values, vectors = np.linalg.eigh(H / scale[..., :, None] / scale[..., None, :])
     along = np.einsum("...ij,...i->...j", vectors, g / scale)
