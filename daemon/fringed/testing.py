@@ -26,6 +26,7 @@ from fringed.wire import checksum
 
 _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _SUMMARY_MAX = 100
+_LIMITS = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"}
 
 
 class RecordingContext:
@@ -132,7 +133,10 @@ class PluginContract:
 
 
 def check_params(cls: Any) -> None:
-    """Check that all parameters have defaults, help, and numbers limits and units; unknown ones are refused."""
+    """Check that all parameters have defaults, help, and numbers limits and units; unknown ones are refused.
+
+    Counts and fractions, integers and numbers up to 1, need no units.
+    """
     params = cls.Params
     assert isinstance(params, type) and issubclass(params, hookspecs.Params), (
         f"{cls.name}.Params must derive from fringed.hookspecs.Params"
@@ -146,12 +150,13 @@ def check_params(cls: Any) -> None:
     assert not required, f"{cls.name}: give {', '.join(required)} a default, so that the plug-in runs as it is"
     for name, entry in schema.get("properties", {}).items():
         assert entry.get("description"), f"{cls.name}.Params.{name} has no description; annotate it with msgspec.Meta"
-        kinds = [entry, *entry.get("anyOf", ())]
-        if any(kind.get("type") in ("number", "integer") for kind in kinds):
-            limits = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"}
-            assert any(limits & set(kind) for kind in kinds), f"{cls.name}.Params.{name} has no limits; add ge= or le="
-            assert any("units" in kind for kind in kinds) or "anyOf" in entry, (
-                f"{cls.name}.Params.{name} has no units; add extra_json_schema={{'units': 'mm'}}, or '1' for a ratio"
+        numbers = [kind for kind in (entry, *entry.get("anyOf", ())) if kind.get("type") in ("number", "integer")]
+        if numbers:
+            where = f"{cls.name}.Params.{name}"
+            assert any(_LIMITS & set(kind) for kind in (entry, *numbers)), f"{where} has no limits; add ge= or le="
+            plain = all(kind["type"] == "integer" or kind.get("maximum", 2) <= 1 for kind in numbers)
+            assert plain or "units" in entry or any("units" in kind for kind in numbers), (
+                f"{where} has no units; add extra_json_schema={{'units': 'mm'}}, or '1' for a ratio"
             )
 
 

@@ -42,6 +42,15 @@ class DecoderParams(Params, frozen=True, kw_only=True):
     min_similar_neighbours: Annotated[
         int, Meta(ge=0, le=24, description="of 24 neighbours, those that must be alike; 0: off", extra_json_schema=_ONE)
     ] = 6
+    min_border_modulation: Annotated[
+        float,
+        Meta(
+            ge=0,
+            le=1,
+            description="modulation over the brightest neighbour's, at the border of what is lit; 0: off",
+            extra_json_schema=_ONE,
+        ),
+    ] = 0.4
     keep_wrapped: Annotated[bool, Meta(description="keep the finest wrapped phase too, for pictures")] = False
 
 
@@ -222,6 +231,7 @@ def thresholds(frame_set: FrameSet, params: DecoderParams) -> Thresholds:
         modulation_snr=params.min_modulation_snr,
         residual=params.max_residual,
         similar_neighbours=params.min_similar_neighbours,
+        border_glow=params.min_border_modulation,
     )
 
 

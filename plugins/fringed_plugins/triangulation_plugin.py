@@ -33,8 +33,9 @@ class RangeParams(Params, frozen=True, kw_only=True):
 
     min_depth_mm: Annotated[float, Meta(ge=0, description="nearest depth kept", extra_json_schema=_MM)] = 0.0
     max_depth_mm: Annotated[
-        float | None, Meta(description="farthest depth kept; unset: no limit", extra_json_schema=_MM)
-    ] = None  # fmt: skip
+        Annotated[float, Meta(gt=0)] | None,
+        Meta(description="farthest depth kept; unset: no limit", extra_json_schema=_MM),
+    ] = None
     max_bend: Annotated[
         float,
         Meta(gt=0, le=1e3, description="largest departure from the neighbours' line", extra_json_schema=_PX),
@@ -43,7 +44,13 @@ class RangeParams(Params, frozen=True, kw_only=True):
         float,
         Meta(gt=0, le=1e3, description="steepest surface, tangent to the view", extra_json_schema={"units": "1"}),
     ] = 8.0
-    keep_flyers: Annotated[bool, Meta(description="keep points that continue no surface")] = False
+    max_sigma_ratio: Annotated[
+        float,
+        Meta(gt=1, le=1e6, description="largest deviation over the median's", extra_json_schema={"units": "1"}),
+    ] = 7.0
+    keep_flyers: Annotated[
+        bool, Meta(description="keep points that continue no surface, or deviate much more than most")
+    ] = False
 
 
 class Triangulate:
@@ -243,6 +250,7 @@ def _range_image(
         far_mm=params.max_depth_mm or float("inf"),
         bend_px=params.max_bend,
         step_px=params.max_slope,
+        sigma_ratio=params.max_sigma_ratio,
         flyers=params.keep_flyers,
     )
     points = triangulate(

@@ -26,7 +26,8 @@ class Tolerances:
     Depths outside `near_mm` to `far_mm` are dropped. A point is a flyer where it departs from the line
     through its two neighbours by more than `bend_px` (pixels on the object) and `sigmas` standard
     deviations, or from the next one by more than `step_px`, on both sides along its row or its column;
-    `step_px` is the steepest slope, tan of the angle of incidence. `flyers=True` keeps them.
+    `step_px` is the steepest slope, tan of the angle of incidence. `flyers=True` keeps them. Points whose
+    deviation is above `sigma_ratio` times the median are as good as flyers: grazing, hardly lit.
     """
 
     near_mm: float = 0.0
@@ -34,6 +35,7 @@ class Tolerances:
     bend_px: float = 1.5
     step_px: float = 8.0
     sigmas: float = 4.0
+    sigma_ratio: float = 7.0
     flyers: bool = False
 
 
@@ -82,7 +84,8 @@ def triangulate(
         kernel.depth_rows, shape[0], rays, measured, (axis, surfaces), (depth, sigma_mm, flags), threads=threads
     )  # fmt: skip
     light = _fixed(background if background is not None else np.zeros(shape, np.float32))
-    seen = (depth, light, _brightness(light, flags))
+    most_mm = _largest_sigma(sigma_mm, tolerances) if sigma_rad is not None else np.float32(np.inf)
+    seen = (depth, light, _brightness(light, flags), most_mm)
     out = (xyz, sigma_mm, flags, intensity)
     run_rows(kernel.point_rows, shape[0], rays, seen, _smoothness(camera, tolerances), out, threads=threads)
     return Points(xyz, sigma_mm, flags, intensity)
@@ -99,10 +102,23 @@ def _smoothness(camera: Pinhole, tolerances: Tolerances) -> kernel.Smoothness:
     )
 
 
+def _largest_sigma(sigma_mm: Float32Array, tolerances: Tolerances) -> np.float32:
+    sample = _sample(sigma_mm)
+    sample = sample[np.isfinite(sample)]
+    if tolerances.flyers or not sample.size:
+        return np.float32(np.inf)
+    return np.float32(tolerances.sigma_ratio * np.median(sample))
+
+
+def _sample(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return about twenty thousand pixels, evenly spread."""
+    step = max(1, int(np.sqrt(image.size / 20_000)))
+    return image[::step, ::step]
+
+
 def _brightness(background: Float32Array, rejected: UInt8Array) -> np.float32:
     """Return the factor that brings nearly the brightest kept pixel to 255."""
-    step = max(1, int(np.sqrt(background.size / 20_000)))
-    sample = background[::step, ::step][rejected[::step, ::step] == 0]
+    sample = _sample(background)[_sample(rejected) == 0]
     white = float(np.percentile(sample, 99.5)) if sample.size else 0.0
     return np.float32(255 / white if white > 0 else 0.0)
 

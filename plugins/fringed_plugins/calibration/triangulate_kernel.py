@@ -14,6 +14,7 @@ from numba import njit
 
 _OUT_OF_RANGE = np.uint8(16)
 _DISCONTINUITY = np.uint8(64)
+_LOW_MODULATION = np.uint8(2)
 _NAN = np.float32(np.nan)
 _ZERO = np.float32(0.0)
 _options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -132,10 +133,10 @@ def point_rows(start: int, stop: int, rays: Any, seen: Any, smooth: Any, out: An
     """Write points and intensity of rows `start` to `stop`, dropping those that continue no surface.
 
     A point must continue the line through its two neighbours on one side along its row, and on one
-    side along its column. `seen` is (depth, background, grey levels for one unit of background), `out`
-    (xyz, sigma_mm, rejected, intensity).
+    side along its column, and have a deviation of at most `most_mm`. `seen` is (depth, background, grey
+    levels for one unit of background, most_mm), `out` (xyz, sigma_mm, rejected, intensity).
     """
-    depth, background, scale = seen
+    depth, background, scale, most_mm = seen
     xyz, sigma, rejected, intensity = out
     height, width = depth.shape
     along, across = np.ones(width, np.float32), np.ones(width, np.float32)
@@ -151,7 +152,8 @@ def point_rows(start: int, stop: int, rays: Any, seen: Any, smooth: Any, out: An
                 _fits(z, s, depth[row - 1], depth[row - 2], smooth, across)
             if row < height - 2:
                 _fits(z, s, depth[row + 1], depth[row + 2], smooth, across)
-        _write(rays[0, row], rays[1, row], depth[row], (along, across), xyz[row], (sigma[row], rejected[row]))
+        ray = (rays[0, row], rays[1, row])
+        _write(ray, depth[row], (along, across, most_mm), xyz[row], (sigma[row], rejected[row]))
         for i in range(width):
             grey = background[row, i] * scale
             grey = grey if grey < np.float32(255) else np.float32(255)
@@ -159,14 +161,17 @@ def point_rows(start: int, stop: int, rays: Any, seen: Any, smooth: Any, out: An
 
 
 @njit(**_options)
-def _write(rays_x: Any, rays_y: Any, depth: Any, smooth: Any, xyz: Any, out: Any) -> None:
-    along, across = smooth
+def _write(ray: Any, depth: Any, smooth: Any, xyz: Any, out: Any) -> None:
+    rays_x, rays_y = ray
+    along, across, most_mm = smooth
     sigma, rejected = out
     for i in range(depth.size):
         alone = along[i] * across[i] == _ZERO
-        rejected[i] |= _DISCONTINUITY if alone and rejected[i] == 0 else np.uint8(0)
-        z = _NAN if alone else depth[i]
-        sigma[i] = _NAN if alone else sigma[i]
+        unsure = sigma[i] > most_mm
+        flag = _DISCONTINUITY if alone else _LOW_MODULATION
+        rejected[i] |= flag if (alone or unsure) and rejected[i] == 0 else np.uint8(0)
+        z = _NAN if alone or unsure else depth[i]
+        sigma[i] = _NAN if alone or unsure else sigma[i]
         xyz[i, 0] = rays_x[i] * z
         xyz[i, 1] = rays_y[i] * z
         xyz[i, 2] = z

@@ -31,7 +31,8 @@ class Thresholds:
     over what six sigma of noise explain; `order_turns` the difference between the phase that a coarser
     frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
     `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
-    24 neighbours must be alike, within half a period.
+    24 neighbours must be alike, within half a period; `border_glow` the modulation over the brightest
+    neighbour's below which a pixel at the border of what is lit shows that neighbour's light.
     """
 
     saturation_dn: float = float("inf")
@@ -42,6 +43,7 @@ class Thresholds:
     modulation_drop: float = 0.0
     edge_px: float = 0.5
     similar_neighbours: int = 6
+    border_glow: float = 0.4
 
 
 class Decoded(NamedTuple):
@@ -97,9 +99,9 @@ def decode(
     stack.flags.writeable = False  # one compiled kernel for read-only and writable frames
     limits = _limits(groups, noise, thresholds, size_px)
     run_rows(decode_kernel.decode_rows, shape[0], stack, plan(groups), limits, out, threads=threads)
-    if thresholds.similar_neighbours > 0:
-        alike_rad = _alike_rad(groups[-1], size_px, shape)
-        neighbours.drop_isolated(out.phase_rad, out.rejected, alike_rad, thresholds.similar_neighbours, threads)
+    if thresholds.similar_neighbours > 0 or thresholds.border_glow > 0:
+        strays = (_alike_rad(groups[-1], size_px, shape), thresholds.similar_neighbours, thresholds.border_glow)
+        neighbours.drop_strays(out.phase_rad, out.modulation, out.rejected, strays, threads)
     return out
 
 

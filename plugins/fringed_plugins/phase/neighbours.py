@@ -1,6 +1,6 @@
-"""Drop pixels that agree with too few of their neighbours: isolated specks of wrong phase.
+"""Drop pixels that their neighbours contradict: specks of wrong phase, and glow beside an edge.
 
-Owns one test on a phase map; knows nothing of how the phase came about.
+Owns two tests on a phase map; knows nothing of how the phase came about.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numba import njit
 from fringed_plugins.parallel import run_rows
 
 ISOLATED = 32
+DISCONTINUITY = 64
 _RADIUS = 2
 _NAN = np.float32(np.nan)
 
@@ -40,19 +41,44 @@ def _count(row: Any, other: Any, tolerance: Any, counts: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _find(start: int, stop: int, phase: Any, rejected: Any, found: Any, limits: Any) -> None:
-    tolerance, least = limits
+def _border(phase: Any, modulation: Any, holes: Any, brightest: Any) -> None:
+    """Add a row's part of how many of the eight neighbours are dropped, and of their greatest modulation."""
+    inner = max(phase.size - 2, 0)
+    p0, p1, p2 = phase[:inner], phase[1:], phase[2:]
+    m0, m1, m2 = modulation[:inner], modulation[1:], modulation[2:]
+    for x in range(inner):
+        near = np.float32(1) if np.isnan(p0[x]) or np.isnan(p1[x]) or np.isnan(p2[x]) else np.float32(0)
+        holes[x] += near
+        high = m0[x] if m0[x] > m1[x] else m1[x]
+        high = high if high > m2[x] else m2[x]
+        brightest[x] = high if high > brightest[x] else brightest[x]
+
+
+@njit(cache=True, nogil=True)
+def _find(start: int, stop: int, fields: Any, found: Any, limits: Any) -> None:
+    """Flag, in rows `start` to `stop`, what is isolated and what only glows at a border."""
+    phase, modulation, rejected = fields
+    tolerance, least, glow = limits
     height, width = phase.shape
     counts = np.zeros(width, np.float32)
+    holes, brightest = np.zeros(width, np.float32), np.zeros(width, np.float32)
     for y in range(start, stop):
         counts[:] = np.float32(0)
-        for dy in range(max(0, y - _RADIUS), min(height, y + _RADIUS + 1)):
-            _count(phase[y], phase[dy], tolerance, counts)
+        holes[:] = np.float32(0)
+        brightest[:] = np.float32(0)
+        for row in range(max(0, y - _RADIUS), min(height, y + _RADIUS + 1)):
+            _count(phase[y], phase[row], tolerance, counts)
+            if abs(row - y) <= 1:
+                _border(phase[row], modulation[row], holes[1:], brightest[1:])
         hits = 0
         for x in range(width):  # the pixel itself was counted
-            alone = rejected[y, x] == 0 and counts[x] < least + np.float32(1)
-            rejected[y, x] |= np.uint8(ISOLATED) if alone else np.uint8(0)
-            hits += 1 if alone else 0
+            alone = counts[x] < least + np.float32(1)
+            glows = holes[x] > np.float32(0) and modulation[y, x] < glow * brightest[x]
+            flag = np.uint8(ISOLATED) if alone else np.uint8(0)
+            flag |= np.uint8(DISCONTINUITY) if glows else np.uint8(0)
+            flag = flag if rejected[y, x] == 0 else np.uint8(0)
+            rejected[y, x] |= flag
+            hits += 1 if flag > 0 else 0
         found[y] = hits
 
 
@@ -64,19 +90,22 @@ def _blank(start: int, stop: int, phase: Any, rejected: Any, found: Any) -> None
                 phase[y, x] = _NAN if rejected[y, x] != 0 else phase[y, x]
 
 
-def drop_isolated(
+def drop_strays(
     phase_rad: npt.NDArray[np.float32],
+    modulation: npt.NDArray[np.float32],
     rejected: npt.NDArray[np.uint8],
-    tolerance_rad: float,
-    least: int,
+    limits: tuple[float, int, float],
     threads: int = 0,
 ) -> None:
-    """Reject, in place, pixels with fewer than `least` of 24 neighbours within `tolerance_rad`.
+    """Reject, in place, what its neighbours contradict; `phase_rad` (height, width) is NaN where `rejected`.
 
-    `phase_rad` (height, width) is NaN where `rejected`; the flag is `ISOLATED`.
+    `limits` is (tolerance_rad, least, glow). `ISOLATED` are pixels with fewer than `least` of 24
+    neighbours within `tolerance_rad`. `DISCONTINUITY` are pixels at the border of what is lit whose
+    modulation is below `glow` of their brightest neighbour's: the lens spreads that neighbour's light over
+    them, and its phase with it.
     """
     height = phase_rad.shape[0]
     found = np.zeros(height, np.int64)
-    limits = (np.float32(tolerance_rad), np.float32(least))
-    run_rows(_find, height, phase_rad, rejected, found, limits, threads=threads)
+    numbers = tuple(np.float32(limit) for limit in limits)
+    run_rows(_find, height, (phase_rad, modulation, rejected), found, numbers, threads=threads)
     run_rows(_blank, height, phase_rad, rejected, found, threads=threads)

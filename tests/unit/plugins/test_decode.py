@@ -20,7 +20,7 @@ from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEnco
 
 TARGET = ProjectorTarget(1024, 768)
 QUIET = NoiseModel(1e-6, 0.0)
-OPEN = Thresholds(modulation_dn=0.0, modulation_snr=0.0, residual=10.0, similar_neighbours=0)
+OPEN = Thresholds(modulation_dn=0.0, modulation_snr=0.0, residual=10.0, similar_neighbours=0, border_glow=0.0)
 
 
 def group(steps, period=16.0, initial=0.0, first=0):
@@ -262,3 +262,16 @@ def test_two_orientations_in_one_set_are_refused():
 def test_tiny_pictures_are_decoded(shape):
     phase = absolute(seen(encode(MultiFrequencyEncoder), np.full(shape, 300.0), gain=0.9), min_similar_neighbours=0)
     assert np.abs(phase.phase_rad - 2 * np.pi * 300 / 16).max() < 0.03
+
+
+def test_glow_beside_an_edge_is_dropped_and_the_edge_stays():
+    # The lens spreads a fifth of the last lit column's light onto its dark neighbour, with its phase.
+    def spread(frames):
+        frames[:, :, 50:] = 2.0
+        frames[:, :, 50] += 0.2 * frames[:, :, 49]
+
+    phase = absolute(corrupt(base(), spread))
+    assert (phase.rejected[2:-2, 50] == Reject.DISCONTINUITY).all()
+    assert not phase.rejected[2:-2, 40:50].any()
+    kept = absolute(corrupt(base(), spread), min_border_modulation=0.0)
+    assert not kept.rejected[2:-2, 50].any()

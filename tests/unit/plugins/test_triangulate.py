@@ -246,8 +246,8 @@ def test_expected_depth_and_offset_choose_the_period():
 def test_reference_plane_needs_a_plane_and_a_difference():
     calibration = small_rig()
     xyz = points(calibration, relief())
+    planeless = replace(calibration, reference_plane=None)
     with pytest.raises(DataError, match="no reference plane"):
-        planeless = replace(calibration, reference_plane=None)
         run(ReferencePlane, {"phase": difference_map(calibration, xyz), "calibration": planeless})
     with pytest.raises(DataError, match="takes a relative phase"):
         run(ReferencePlane, {"phase": phase_map(calibration, xyz), "calibration": calibration})
@@ -275,3 +275,16 @@ def test_optical_axes_cross_where_the_rig_is_aimed():
     assert axes_crossing_mm(small_rig().T_projector_camera) == pytest.approx(1000.0)
     with pytest.raises(ValueError, match="parallel"):
         axes_crossing_mm(np.eye(4))
+
+
+def test_points_that_deviate_much_more_than_most_are_dropped():
+    calibration = small_rig()
+    xyz = points(calibration, relief())
+    sigma = np.full(xyz.shape[:2], 0.01, np.float32)
+    sigma[30:40, 50:60] = 0.1
+    inputs = {"phase": phase_map(calibration, xyz, sigma_rad=sigma), "calibration": calibration}
+    result = run(Triangulate, inputs)
+    assert (result.rejected[30:40, 50:60] == Reject.LOW_MODULATION).all()
+    assert np.isnan(result.xyz_mm[30:40, 50:60]).all()
+    assert (result.rejected > 0).sum() == 100
+    assert not run(Triangulate, inputs, keep_flyers=True).rejected.any()
