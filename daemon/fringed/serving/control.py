@@ -146,7 +146,7 @@ class Control:
 
 def _is_remote(frame: zmq.Frame) -> bool:
     try:
-        return bool(frame.get("Peer-Address"))
+        return not str(frame.get("Peer-Address")).startswith("localhost:")  # ipc: "localhost:uid:gid:pid"
     except zmq.ZMQError:  # a local socket has no such property
         return False
 

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from fringed import wire
 from fringed.data import Truth
 from fringed.errors import FringedError
-from fringed.messages import ErrorInfo
+from fringed.messages import ErrorInfo, Event
 from fringed.serving.house import House
 from fringed.serving.jobs import JobRun
 from fringed.serving.ports import AcquiredSet
@@ -58,6 +58,9 @@ class Flow(ABC):
 
     def truth_known(self, truth: Truth) -> None:  # noqa: B027
         """Take what a simulated rig knows of a set."""
+
+    def told(self, event: Event) -> None:  # noqa: B027
+        """Know what the rig says of itself."""
 
     def acquired_all(self) -> None:  # noqa: B027
         """Know that nothing more is to be taken."""

@@ -12,6 +12,7 @@ from typing import Any
 from fringed import wire
 from fringed.data import FrameSet, PatternSequence
 from fringed.errors import FringedError, UsageError
+from fringed.messages import Event
 from fringed.serving.flow import Flow
 from fringed.serving.house import House
 from fringed.serving.jobs import JobRun
@@ -88,6 +89,12 @@ class LatencyFlow(Flow):
     def acquiring(self, fraction: float, text: str) -> None:
         """Show how far it is."""
         self.house.records.change(self.record, progress=fraction, text=text)
+
+    def told(self, event: Event) -> None:
+        """Keep what was measured among the timings."""
+        if event.name == "latency.measured":
+            for name in ("latency", "uncertainty", "settle"):
+                self.record.timings_s[name] = round(float(event.detail[f"{name}_s"]), 6)
 
     def acquired_all(self) -> None:
         """End: the delay is in force."""

@@ -142,6 +142,7 @@ class RigListener:
         self._house.counters[event.name] += 1
         _log.log(_LEVELS[event.level], "%s: %s", event.name, event.text)
         self._house.stream.publish(event, wire.TOPIC_EVENT)
+        self._scans.told(event)
 
     def _discard(self, sink: Any) -> None:
         """Drop a set in the recorder's thread: it touches the disk."""

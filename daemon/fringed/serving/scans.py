@@ -11,7 +11,7 @@ from typing import Any
 
 from fringed.data import Truth
 from fringed.errors import FringedError
-from fringed.messages import ScanState
+from fringed.messages import Event, ScanState
 from fringed.serving.flow import Flow
 from fringed.serving.house import House
 from fringed.serving.other_flows import LatencyFlow, ProcessFlow, RepublishFlow
@@ -104,6 +104,11 @@ class Scans:
         """Pass on what a simulated rig knows; the scan whose set it is takes it."""
         for flow in list(self._flows.values()):
             flow.truth_known(truth)
+
+    def told(self, event: Event) -> None:
+        """Pass on what the rig says of itself."""
+        for flow in list(self._flows.values()):
+            flow.told(event)
 
     def acquired_all(self, scan: str) -> None:
         """Pass on that nothing more is to be taken."""

@@ -1,0 +1,79 @@
+"""What a request for a scan means, and every way in which it cannot be meant."""
+
+import pytest
+
+from fringed.config import simulated_station
+from fringed.errors import ConfigurationError, NotFound, UsageError
+from fringed.messages import StageCall
+from fringed.serving.plans import ScanWish, plan_process, plan_scan
+
+CONFIG = simulated_station()
+
+
+def test_nothing_asked_for_is_the_default_pipeline():
+    plan = plan_scan(CONFIG, ScanWish())
+    assert plan.pipeline == "hierarchical"
+    assert plan.encoder == StageCall("patterns", "encoder", "multi-frequency", {"periods": [1, 8, 64], "steps": 4})
+    assert [(stage.name, stage.plugin) for stage in plan.stages] == [
+        ("phase", "multi-frequency"), ("range", "triangulate")
+    ]  # fmt: skip
+    assert plan.to_take == ("object",)
+    assert plan.camera.channel == "green"
+
+
+def test_request_goes_over_preset_goes_over_configuration():
+    plan = plan_scan(CONFIG, ScanWish(preset="skin", encoder_params={"steps": 6}, camera={"exposure_us": 4000}))
+    assert (plan.camera.channel, plan.camera.exposure_us) == ("red", 4000)
+    assert plan.encoder.params == {"periods": [1, 8, 64], "steps": 6}
+
+
+def test_stage_parameters_are_merged_into_their_stage():
+    plan = plan_scan(CONFIG, ScanWish(stages={"range": {"max_sigma_mm": 0.5}}))
+    assert plan.stages[1].params == {"max_sigma_mm": 0.5}
+    assert plan.stages[0].params == {}
+
+
+def test_given_frame_sets_are_not_taken():
+    plan = plan_scan(CONFIG, ScanWish(pipeline="thesis", frame_sets={"reference": "some-id"}))
+    assert plan.roles == ("reference", "object")
+    assert plan.to_take == ("object",)
+
+
+@pytest.mark.parametrize(
+    ("wish", "error", "text"),
+    [
+        (ScanWish(pipeline="nonsense"), NotFound, "there are hierarchical, thesis"),
+        (ScanWish(preset="nonsense"), NotFound, "there are plaster, skin"),
+        (ScanWish(preset="skin", pipeline="thesis"), UsageError, "give only one"),
+        (ScanWish(roles=["reference"]), UsageError, "has object"),
+        (ScanWish(roles=[]), UsageError, "at least one"),
+        (ScanWish(frame_sets={"dark": "id"}), UsageError, "has object"),
+        (ScanWish(stages={"nonsense": {}}), UsageError, "has the stages phase, range"),
+        (ScanWish(stages={"phase": 3}), UsageError, "each takes a table"),
+        (ScanWish(camera={"exposure": 1}), ConfigurationError, "camera.exposure"),
+        (ScanWish(camera={"exposure_us": -1, "channel": "pink"}), ConfigurationError, "2 problems"),
+    ],
+)
+def test_what_cannot_be_meant_says_what_can(wish, error, text):
+    with pytest.raises(error, match=text):
+        plan_scan(CONFIG, wish)
+
+
+def test_stages_of_a_request_are_read_as_tables_with_sensible_defaults():
+    plan = plan_process(CONFIG, "", [{"plugin": "icp"}, {"name": "file", "kind": "exporter", "plugin": "ply"}], {})
+    assert [(s.name, s.kind, s.plugin) for s in plan.stages] == [
+        ("icp", "processor", "icp"),
+        ("file", "exporter", "ply"),
+    ]
+
+
+WRONG_STAGES = [
+    [], [{}], ["x"],
+    [{"plugin": "a", "kind": "nonsense"}], [{"plugin": "a", "typo": 1}], [{"plugin": "a"}, {"plugin": "a"}],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("stages", WRONG_STAGES)
+def test_stages_that_cannot_be_meant_are_refused(stages):
+    with pytest.raises(UsageError, match="stage"):
+        plan_process(CONFIG, "", stages, {})
