@@ -63,7 +63,7 @@ def staged(ctx: click.Context | None, parameter: click.Parameter, given: tuple[s
         stage, dot, name = key.partition(".")
         if not dot or not name:
             raise click.BadParameter(
-                f"{key!r}; expected stage.key=value, such as phase.min_modulation=8", ctx, parameter
+                f"{key!r}; expected stage.key=value, such as phase.min_modulation_dn=8", ctx, parameter
             )
         tables.setdefault(stage, {})[name] = value
     return tables

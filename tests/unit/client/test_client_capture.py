@@ -100,7 +100,7 @@ def test_missing_images_are_named(tmp_path: Path) -> None:
         load_capture(folder_of(tmp_path, text))
     (tmp_path / "object/1.png").unlink()
     (tmp_path / "capture.toml").write_text(DESCRIPTION)
-    with pytest.raises(ConfigurationError, match="2 images .* 1 missing"):
+    with pytest.raises(ConfigurationError, match=r"2 images .* 1 missing"):
         load_capture(tmp_path)
 
 

@@ -170,14 +170,17 @@ def test_async_cancellation_cancels_the_scan(fake: FakeStation) -> None:
 
 
 def test_async_subscription_and_lost_connection(fake: FakeStation) -> None:
+    async def follow(station: AsyncStation, seqs: list[int]) -> None:
+        async for message in station.subscribe("state"):
+            seqs.append(message.seq)
+            if len(seqs) == 2:
+                fake.stop()
+
     async def work() -> list[int]:
         async with AsyncStation(fake.runtime) as station:
-            seqs = []
+            seqs: list[int] = []
             with pytest.raises(ConnectionLost):
-                async for message in station.subscribe("state"):
-                    seqs.append(message.seq)
-                    if len(seqs) == 2:
-                        fake.stop()
+                await follow(station, seqs)
             with pytest.raises(ConnectionLost):
                 await station.status()
             return seqs
