@@ -4,6 +4,7 @@ A real projector is named by `FRINGED_HARDWARE_CONFIG`, the path of a station's 
 """
 
 import os
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -62,7 +63,7 @@ class ProjectorContract:
     def test_flips_are_confirmed_in_order(self, opened):
         opened.load(patterns_for(opened), "object")
         flips = [opened.show(k) for k in (0, 1, 2, 2, 0)]
-        assert all(later > earlier for earlier, later in zip(flips, flips[1:], strict=False))
+        assert all(later > earlier for earlier, later in pairwise(flips))
 
     def test_a_pattern_that_is_not_there_is_refused(self, opened):
         opened.load(patterns_for(opened), "object")

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -232,6 +233,19 @@ def test_unquantised_frames_say_so_in_the_settings():
     camera.close()
 
 
+def test_in_real_time_frames_come_no_sooner_than_they_would():
+    simulation = {**SMALL["simulation"], "real_time": True}
+    simulation["sensor"] = {**simulation["sensor"], "period_s": 0.03}
+    devices = build_devices(simulated_station({**SMALL, "simulation": simulation}))
+    devices.camera.open()
+    arm(devices, "free-running")
+    before = time.monotonic()
+    frames = [devices.camera.read(5.0) for _ in range(4)]
+    assert time.monotonic() - before >= 3 * 0.03 + 0.008
+    assert all(f.exposure_end_s <= devices.camera.clock.now() for f in frames)
+    devices.camera.close()
+
+
 def test_warming_up_ends_with_the_camera():
     table = {**SMALL, "camera": {"options": {"warm_up": True}}}
     camera = build_devices(simulated_station(table)).camera
@@ -305,7 +319,7 @@ def test_a_driver_that_nobody_has_or_that_breaks_is_named():
     def broken(options, context):
         raise RuntimeError("no licence")
 
-    with pytest.raises(PluginError, match="acme.*no licence"):
+    with pytest.raises(PluginError, match=r"acme.*no licence"):
         build_devices(plugged(), lambda: _catalogue(broken))
 
 

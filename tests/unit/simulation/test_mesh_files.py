@@ -104,6 +104,6 @@ def test_a_missing_file_and_another_format_are_named(tmp_path):
         load_mesh(tmp_path / "none.ply")
     with pytest.raises(DataError, match=r"\.ply, \.stl, \.obj"):
         load_mesh(tmp_path / "a.step")
+    (tmp_path / "folder.ply").mkdir()
     with pytest.raises(DataError, match="cannot be read"):
-        (tmp_path / "folder.ply").mkdir()
         load_mesh(tmp_path / "folder.ply")

@@ -251,3 +251,28 @@ def test_the_truth_projects_onto_its_own_pixels_for_a_head():
     pixels = optics.project(rig.calibration().camera, truth.xyz_mm[seen])
     rows, columns = np.nonzero(seen)
     assert np.abs(pixels - np.stack([columns, rows], axis=-1)).max() < 1e-3
+
+
+def test_a_whole_picture_is_exposed_like_the_line_that_it_repeats():
+    line = sines(1).patterns[0]
+    for pattern in (line, sines(1, rows=True).patterns[0]):
+        whole = np.ascontiguousarray(np.broadcast_to(pattern, (768, 1024, 1)))
+        images = []
+        for each in (pattern, whole):
+            rig = rig_with()
+            rig.load(PatternSequence("any", 1024, 768, (PatternFrame("sinusoid"),), (each,)), "object")
+            images.append(shot(rig, 0))
+        assert np.abs(images[0] - images[1]).max() < 0.004 * images[0].max()
+
+
+def test_an_exposure_over_a_change_of_orientation_adds_columns_and_rows():
+    columns, rows = sines(1), sines(1, rows=True)
+    both = PatternSequence("both", 1024, 768, (*columns.frames, *rows.frames), (*columns.patterns, *rows.patterns))
+    rig = rig_with(projector={"settle_s": 0.0, "flicker": 0.0})
+    rig.load(both, "object")
+    first, second = shot(rig, 0), shot(rig, 1)
+    light = rig.show(0) + 2 / 60
+    settings = rig.sensor.in_force(CameraSettings(exposure_us=8333.333, channel="green"))
+    half = 8333.333e-6 / 2
+    image = rig.image(light - half, light + half, settings, 9).astype(float)
+    assert np.abs(image - (first + second) / 2).max() < 0.001 * 65535

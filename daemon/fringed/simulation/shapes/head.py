@@ -19,6 +19,8 @@ from fringed.simulation.shapes.shape import Shape, ShapeOptions, grid_faces, mes
 
 _OUTSIDE_MM = 175.0
 _BOTTOM_MM = -128.0
+_STEPS = 9  # more would turn walls along a ray, such as the nose's sides, into stairs; now they are ramps
+_ARRIVED_MM = 0.01
 
 
 class HeadOptions(ShapeOptions, frozen=True, kw_only=True):
@@ -52,9 +54,9 @@ def head(options: HeadOptions) -> Shape:
     directions = _directions(options.rows, options.columns)
     coarse = _directions(options.rows // 4 + 2, options.columns // 4)
     radius = np.full(coarse.shape[:2], _OUTSIDE_MM, np.float32)
-    _approach(radius, coarse, person, 28)
+    _approach(radius, coarse, person, 3 * _STEPS)
     start = _grown(radius, directions.shape[:2]) + 3.0
-    _approach(start, directions, person, 9)
+    _approach(start, directions, person, _STEPS)
     points = directions * start[..., None]
     vertices = points.reshape(-1, 3)
     return mesh_shape(vertices, grid_faces(options.rows, options.columns, closed=True), _albedo(vertices, person))
@@ -72,13 +74,22 @@ def _directions(rows: int, columns: int) -> Float32Array:
 
 
 def _approach(radius: Float32Array, directions: Float32Array, person: _Proportions, steps: int) -> None:
-    """Move along each ray from outside to the surface."""
+    """Move along each ray from outside to the surface; most rays need fewer than `steps`."""
     x, y, z = (np.ascontiguousarray(directions[..., axis]) for axis in range(3))
 
     def block(first: int, end: int) -> None:
+        r = radius[first:end].reshape(-1)
+        ray = [axis[first:end].reshape(-1) for axis in (x, y, z)]
+        open_rays = np.arange(r.size)
         for _ in range(steps):
-            r = radius[first:end]
-            r -= np.float32(0.95) * _distance((x[first:end] * r, y[first:end] * r, z[first:end] * r), person)
+            at = r[open_rays]
+            step = np.float32(0.95) * _distance((ray[0] * at, ray[1] * at, ray[2] * at), person)
+            r[open_rays] = at - step
+            moving = np.abs(step) > _ARRIVED_MM
+            open_rays = open_rays[moving]
+            ray = [axis[moving] for axis in ray]
+            if not open_rays.size:
+                break
 
     for_rows(len(radius), block)
 
@@ -101,7 +112,7 @@ def _distance(points: Points, person: _Proportions) -> Array:
     d = _nose(d, p, person)
     d = _mouth(d, p, person)
     d = _ears(d, p, person)
-    return np.maximum(d, np.float32(_BOTTOM_MM) - p[1])
+    return carve(d, p[1] - np.float32(_BOTTOM_MM), 8)
 
 
 def _skull(p: Points, person: _Proportions) -> Array:
@@ -116,13 +127,13 @@ def _skull(p: Points, person: _Proportions) -> Array:
 
 def _eyes(d: Array, p: Points, person: _Proportions) -> Array:
     x = 31 * person.eyes
-    d = carve(d, ellipsoid(p, (x, 13, 84), (19, 12, 17)), 14)
+    d = carve(d, ellipsoid(p, (x, 13, 80), (18, 11, 18)), 14)
     brow: tuple[Vector, Vector] = ((11, 26, 76), (43, 29, 60))
     d = union(d, capsule(p, brow, (6.5 * person.brow, 5.0 * person.brow)), 12)
-    d = union(d, ellipsoid(p, (x, 12, 63), (12.5, 12, 12)), 2.5)
-    d = union(d, capsule(p, ((x - 13, 15, 68), (x, 20, 72.5)), (2.6, 3.4)), 4)
-    d = union(d, capsule(p, ((x, 20, 72.5), (x + 14, 14, 64)), (3.4, 2.6)), 4)
-    return union(d, capsule(p, ((x - 12, 7, 68), (x + 12, 6, 65)), (2.4, 2.4)), 5)
+    d = union(d, ellipsoid(p, (x, 12, 55), (12.5, 12, 12)), 2)
+    d = union(d, capsule(p, ((x - 12, 14, 61), (x, 20, 66)), (2.0, 3.0)), 5)
+    d = union(d, capsule(p, ((x, 20, 66), (x + 13, 13, 56)), (3.0, 2.2)), 5)
+    return union(d, capsule(p, ((x - 11, 8, 61), (x + 11, 7, 58)), (2.2, 2.2)), 5)
 
 
 def _nose(d: Array, p: Points, person: _Proportions) -> Array:
@@ -140,7 +151,7 @@ def _mouth(d: Array, p: Points, person: _Proportions) -> Array:
     d = d + 1.8 * bump(p, (0, -42, 86), 5)  # the groove between nose and lip
     d = union(d, capsule(p, ((0, -52.5, 83.5), (23, -57.5, 74)), (4.4 * full, 2.2)), 3)
     d = union(d, capsule(p, ((0, -62, 82.5), (20, -59.5, 75)), (5.4 * full, 2.4)), 3)
-    d = carve(d, capsule(p, ((0, -57, 89.5), (26, -58.5, 76.5)), (1.5, 1.3)), 2.5)
+    d = carve(d, capsule(p, ((0, -57, 89.5), (23, -58.3, 78.5)), (1.5, 0.7)), 2.5)
     return d + 3.2 * bump(p, (0, -75, 80), 9)  # the hollow above the chin
 
 
@@ -165,8 +176,8 @@ def _albedo(points: Array, person: _Proportions) -> Float32Array:
     brow = _step(-capsule(p, ((10, 31, 78), (42, 34, 62)), (4.5, 3.0)) + 3.0, 1.2)
     tint -= 0.35 * brow * front
     tint -= 0.45 * _step(5.5 - np.hypot(p[0] - x, p[1] - 13), 0.6) * front
-    scalp = _step(p[1] - 62 + 0.9 * np.minimum(p[2], 40) * 0.9, 6.0)
-    return np.asarray(tint - 0.15 * scalp * (p[2] < 64), dtype=np.float32)
+    scalp = _step(p[1] - 22 - 0.8 * np.clip(p[2], -60, 68), 6.0)
+    return np.asarray(tint - 0.15 * scalp, dtype=np.float32)
 
 
 def _step(value: Array, softness: float) -> Array:
