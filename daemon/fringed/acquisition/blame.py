@@ -16,6 +16,7 @@ EXPLAINED = 0.6  # the share of the misfit that a hypothesis must explain
 WHOLE = 0.75  # the share of the earlier frame from which it counts as that frame
 TRACE = 0.15
 CERTAIN = 6.0  # standard deviations
+NOTABLE = 0.01  # of the modulation: smaller errors are nobody's fault
 
 
 def blame_group(grid: Float32Array, fit: GroupFit, relative: Array, limit: float) -> CheckFinding:
@@ -67,20 +68,47 @@ def blame_held(
     should be, its variance the pixel's times `inflation`.
     """
     best, found = 0.0, None
-    noise = float(fit.variance @ fit.valid) * inflation  # the error is in both factors: its noise is no evidence
     for position in positions:
         index = fit.indices[position]
-        towards = (_before(grid, fit, index) - grid[index].ravel() + error) * fit.valid
-        length = max(float(towards @ towards), 1e-9)
-        share = (float(towards @ error) - NOISE_MARGIN * noise) / length
-        deviation = float(np.sqrt((towards * towards) @ fit.variance * inflation)) / length
-        if share < TRACE + fit.tone or share < CERTAIN * deviation or share * share * length <= best:
+        share, weight = _share_held(grid, fit, position, error, inflation)
+        if weight <= best:
             continue
-        best = share * share * length
+        best = weight
         before = f"frame {index - 1}" if index else "the black picture shown before it"
         text = f"frame {index} holds {min(share, 1.0):.0%} of {before}; raise acquisition.latency_s or settle_s"
         found = CheckFinding("late" if share >= WHOLE else "blended", text, (index,))
     return found
+
+
+def _share_held(
+    grid: Float32Array, fit: GroupFit, position: int, error: Float32Array, inflation: float
+) -> tuple[float, float]:
+    """Return how much of the picture before it a frame holds, and what that explains; zeros unless it is certain.
+
+    Looked for in the whole picture and, since a frame may be torn, in all rows from or up to any band.
+    What a fit predicts is independent of what it leaves over; a comparison with siblings is not, so its
+    noise has to be taken out.
+    """
+    index, rows, valid = fit.indices[position], fit.rows, fit.valid
+    freedom = 1.0 if fit.fits_always else float(fit.freedom[position])
+    fitted = grid[index].ravel() - np.float32(freedom) * error
+    towards = (_before(grid, fit, index) - fitted) * valid
+    noise = NOISE_MARGIN * inflation * per_band(fit.variance * valid, rows) if fit.fits_always else 0.0
+    cross = _parts(per_band(towards * error, rows) - noise)
+    length = np.maximum(_parts(per_band(towards * towards, rows)), 1e-9)
+    deviation = np.sqrt(inflation * _parts(per_band(towards * towards * fit.variance, rows))) / length
+    signal = np.maximum(_parts(per_band(fit.power * valid, rows)), 1e-9)
+    share = cross / length
+    certain = (share > CERTAIN * deviation) & (share * np.sqrt(length / signal) > NOTABLE)
+    share = share / np.maximum(1.0 + (1.0 - freedom) * share, 1e-3)  # the fit itself went some of the way
+    weight = np.where(certain & (share > TRACE + fit.tone), share * share * length, 0.0)
+    best = int(np.argmax(weight))
+    return (float(share[best]), float(weight[best])) if weight[best] > 0 else (0.0, 0.0)
+
+
+def _parts(by_band: Array) -> Array:
+    """Return the sums over all bands, over those up to each, and over those from each."""
+    return np.concatenate([[by_band.sum()], np.cumsum(by_band)[:-1], np.cumsum(by_band[::-1])[:-1]])
 
 
 def _before(grid: Float32Array, fit: GroupFit, index: int) -> Float32Array:

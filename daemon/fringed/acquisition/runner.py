@@ -86,10 +86,11 @@ class AcquisitionRunner:
                 self._cancelled.add(scan)
             self._changed.notify_all()
 
-    def reconfigure(self, acquisition: AcquisitionConfig, checks: CheckConfig) -> None:
+    def reconfigure(self, acquisition: AcquisitionConfig, checks: CheckConfig, station: Station | None = None) -> None:
         """Use these from the next set on."""
         with self._changed:
             self._config, self._checks = acquisition, checks
+            self._station = station or self._station
 
     def stop(self, timeout_s: float = 5.0) -> bool:
         """Give up what is running, close the devices, end the thread; return whether it ended in time."""
