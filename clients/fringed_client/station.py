@@ -268,6 +268,6 @@ class Station:
         """Measure the delay from the display to the camera, and have the station use it."""
         return self._submit("latency", {}, timeout_s)
 
-    def set_scene(self, scene: Mapping[str, Any]) -> None:
+    def set_scene(self, scene: Mapping[str, Any], timeout_s: float = JOB_TIMEOUT_S) -> None:
         """Put another scene before the simulated rig; a table as `simulation.scene` in the configuration."""
-        self.request("simulate.scene", timeout_s=60.0, scene=dict(scene))
+        self.request("simulate.scene", timeout_s=timeout_s, scene=dict(scene))

@@ -123,8 +123,10 @@ def _object(work: _Work, shown: Shown, folder: Path) -> _Pending:
     states, drawn = [], []
     for number, yaw_deg in enumerate(YAWS_DEG, 1):
         own = make_folder(folder / f"view-{number}")
+        name = f"{shown.name}, view {number}"
+        work.progress.show(name, 0.0, "placing the object", "placing the object")
         work.station.set_scene(shown.view(yaw_deg))
-        show = work.progress.scan(f"{shown.name}, view {number}")
+        show = work.progress.scan(name)
         result = work.station.scan("hierarchical", truth=True, on_progress=show)
         states.append(result.state)
         _export(work.station, result.state, "RangeImage", own / "range-image")

@@ -68,7 +68,7 @@ def save(drawn: Figure, path: Path) -> Path:
 
 def thinned(values: Array, most_px: int = 720) -> Array:
     """Return every n-th row and column, so that no picture draws more pixels than it shows."""
-    step = max(1, max(values.shape[:2]) // most_px)
+    step = max(1, -(-max(values.shape[:2]) // most_px))
     return values[::step, ::step]
 
 

@@ -18,6 +18,7 @@ from fringed.data import Array, Float32Array, UInt8Array
 CLAY = np.array([226, 214, 199], np.float32) / 255
 PAPER = np.array([250, 250, 248], np.float32) / 255
 MARGIN = 0.04
+MOST_POINTS = 400_000  # two for each pixel of the largest pictures
 SKIN_MM = 2.0  # points this far behind the foremost one belong to the same surface
 FAR = 1e9
 
@@ -71,6 +72,8 @@ def render_points(
     points_mm: Array, normals: Array, view: View, width_px: int = 900, values: Array | None = None
 ) -> Rendering:
     """Render points (n, 3) with unit normals (n, 3); `values` (n,) are averaged for each pixel."""
+    step = max(1, len(points_mm) // MOST_POINTS)
+    points_mm, normals, values = points_mm[::step], normals[::step], None if values is None else values[::step]
     matrix = view.matrix
     seen = np.asarray(points_mm, np.float32) @ matrix.T
     facing = np.asarray(normals, np.float32) @ matrix.T
