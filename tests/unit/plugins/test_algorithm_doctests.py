@@ -1,0 +1,19 @@
+"""The examples in the algorithms' docstrings run."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+
+import pytest
+
+MODULES = (
+    "calibration.reference", "phase.patterns", "phase.shifts", "unwrap.regions", "unwrap.spatial",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings_hold(name):
+    result = doctest.testmod(importlib.import_module(f"fringed_plugins.{name}"))
+    assert result.attempted > 0
+    assert result.failed == 0
