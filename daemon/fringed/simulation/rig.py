@@ -17,7 +17,7 @@ import msgspec
 import numpy as np
 
 from fringed.config.simulated import SceneConfig, SimulationConfig
-from fringed.data import Array, Calibration, CameraSettings, Channel, Mesh, PatternSequence, Truth
+from fringed.data import Array, Calibration, CameraSettings, Channel, Float64Array, Mesh, PatternSequence, Truth
 from fringed.errors import DeviceError
 from fringed.simulation import optics
 from fringed.simulation.clock import VirtualClock
@@ -25,6 +25,7 @@ from fringed.simulation.display import Display, Picture
 from fringed.simulation.faults import Faults
 from fringed.simulation.frames import exposed
 from fringed.simulation.geometry import Geometry, blur_sigmas_px, trace, truth_of
+from fringed.simulation.heap import return_memory
 from fringed.simulation.light import Light, channel_mix, light_of, widened
 from fringed.simulation.scene import REFERENCE, Scene, build_scene, reference_solid, solid_of
 from fringed.simulation.sensor import Sensor
@@ -118,14 +119,18 @@ class SimulatedRig:
             moved = np.array(scene.config.velocity_mm_s) * (time_s - self._set_start_s)
         key = (self._role == REFERENCE, *moved)
         if key not in self._geometries:
-            pose = scene.T_camera_object(moved)
-            solid = reference_solid(self.config) if self._role == REFERENCE else solid_of(scene, pose)
-            light = (scene.config.specular, scene.config.ambient)
-            self._geometries[key] = trace(self.config, solid, light, self.sensor.sensitivity, pose)
+            self._geometries[key] = self._traced(scene, moved)
+            return_memory()
         self._geometries.move_to_end(key)
         while len(self._geometries) > (1 if scene.moves else _POSES_KEPT):
             self._geometries.popitem(last=False)
         return self._geometries[key]
+
+    def _traced(self, scene: Scene, moved_mm: Float64Array) -> Geometry:
+        pose = scene.T_camera_object(moved_mm)
+        solid = reference_solid(self.config) if self._role == REFERENCE else solid_of(scene, pose)
+        light = (scene.config.specular, scene.config.ambient)
+        return trace(self.config, solid, light, self.sensor.sensitivity(), pose)
 
     # The projector.
 
@@ -216,3 +221,5 @@ class SimulatedRig:
             geometry = self._geometry(self.clock.now())
             electrons = self._electrons(geometry, [(1.0, self._idle)], (0.0, 1e-3), settings)
         self.sensor.digitise(electrons, settings, 0)
+        del electrons
+        return_memory()

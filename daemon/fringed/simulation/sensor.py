@@ -49,9 +49,8 @@ class Sensor:
             read_noise_electrons=sensor.read_noise_electrons if self._config.noise else 0.0,
         )
 
-    @cached_property
     def sensitivity(self) -> Float32Array:
-        """Each pixel's relative gain (height, width): 1 with PRNU."""
+        """Return each pixel's relative gain (height, width), 1 with PRNU: drawn anew each time, always the same."""
         if not self._config.noise:
             return np.ones(self.shape, np.float32)
         drawn = np.random.Generator(np.random.Philox(self.key(1))).standard_normal(self.shape, np.float32)

@@ -59,9 +59,9 @@ def test_the_same_seed_and_counter_give_the_same_frame_on_any_number_of_threads(
 
 def test_fixed_patterns_belong_to_the_sensor():
     sensor = sensor_with()
-    assert sensor.sensitivity.std() == pytest.approx(0.01, rel=0.02)
-    assert sensor.sensitivity.mean() == pytest.approx(1.0, abs=2e-4)
-    assert (sensor.sensitivity == sensor_with().sensitivity).all()
+    assert sensor.sensitivity().std() == pytest.approx(0.01, rel=0.02)
+    assert sensor.sensitivity().mean() == pytest.approx(1.0, abs=2e-4)
+    assert (sensor.sensitivity() == sensor_with().sensitivity()).all()
     settings = sensor.in_force(CameraSettings(bits=16))
     dark = np.zeros(SHAPE, np.float32)
     mean = np.mean([sensor.digitise(dark, settings, k).astype(float) for k in range(100)], axis=0)
