@@ -5,10 +5,8 @@ Owns the wiring. Nothing runs until `RunningStation.run`.
 
 from __future__ import annotations
 
-import logging
 import os
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -16,13 +14,14 @@ from typing import Any
 
 import zmq
 
-from fringed import __version__, wire
-from fringed.acquisition import AcquisitionRequest, AcquisitionRunner, Rig, Station
+from fringed import wire
+from fringed.acquisition import AcquisitionRequest, AcquisitionRunner
+from fringed.assembly import making
 from fringed.assembly.life import Parts, RunningStation
 from fringed.assembly.loading import load_calibration, make_replay
 from fringed.assembly.simulator import Simulator
 from fringed.config import StationConfig
-from fringed.config.paths import data_dir, endpoint, runtime_dir
+from fringed.config.paths import data_dir, runtime_dir
 from fringed.devices.building import Devices, build_devices
 from fringed.recording import Recorder, Store
 from fringed.sdnotify import Notifier
@@ -35,7 +34,7 @@ from fringed.serving.rig_link import RigLink, RigListener
 from fringed.serving.runtime import RuntimeLock
 from fringed.serving.scans import Scans
 from fringed.serving.sockets import Remote, Sockets
-from fringed.serving.status import Identity, Status
+from fringed.serving.status import Status
 from fringed.serving.stream import Stream
 from fringed.serving.verbs_records import RecordVerbs
 from fringed.serving.verbs_scans import ScanVerbs
@@ -43,10 +42,9 @@ from fringed.serving.verbs_station import StationVerbs
 from fringed.serving.work import WorkSocket
 from fringed.workers.dispatch import Dispatcher
 from fringed.workers.jobs import Limits
-from fringed.workers.supervisor import Supervisor, WorkerOptions
+from fringed.workers.supervisor import Supervisor
 
-_log = logging.getLogger(__name__)
-SOFTWARE = f"fringed {__version__}"
+Context = zmq.Context[zmq.Socket[bytes]]
 
 
 def build(config: StationConfig, config_path: Path | None, read_config: Callable[[], StationConfig]) -> RunningStation:
@@ -68,92 +66,73 @@ def build(config: StationConfig, config_path: Path | None, read_config: Callable
         undo.callback(lock.release)
         store = Store(data_dir(config.data_dir).absolute())
         store.recover()
-        devices = build_devices(config, partial(_load_plugins, config), lambda c: make_replay(c, store))
+        at_once, scene = making.without_foreign_scene(config)
+        load = partial(making.load_driver_plugins, config)
+        devices = build_devices(at_once, load, lambda c: make_replay(c, store))
         read_calibration = partial(load_calibration, rig=devices.rig)
         present = Present(config, read_calibration(config))
-        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context(io_threads=1)
+        context: Context = zmq.Context(io_threads=1)
         undo.callback(context.destroy, linger=0)
-        station = _wire_up(store, lock, devices, present, (context, remote, config_path, read_config, read_calibration))
+        house, parts = _parts(store, lock, devices, present, context)
+        simulator = Simulator(house, devices.rig) if devices.rig else None
+        rig = making.rig_of(config, devices)
+        identity = making.identity_of(config, devices, rig, store.data_dir, config_path)
+        station = _station(parts, (rig, identity, simulator, remote), read_config, read_calibration)
+        if simulator is not None and scene is not None:
+            simulator.set_first_scene(scene)
         undo.pop_all()
     return station
 
 
-def _wire_up(store: Store, lock: RuntimeLock, devices: Devices, present: Present, rest: Any) -> RunningStation:
-    context, remote, config_path, read_config, read_calibration = rest
+def _parts(
+    store: Store, lock: RuntimeLock, devices: Devices, present: Present, context: Context
+) -> tuple[House, dict[str, Any]]:
+    """Build everything that knows neither the rig nor who asks."""
     config, reactor = present.config, Reactor()
     sockets = Sockets(context, lock.folder, config.stream.high_water_mark)
     stream = Stream(reactor, sockets.stream, config.stream.high_water_mark)
     records = Records(reactor, partial(stream.publish, topic=wire.TOPIC_EVENT))
     recorder, loader = Recorder(), Recorder(length=1000, name="loader")
-    limits = Limits(attempts=config.workers.attempts, job_timeout_s=config.workers.job_timeout_s)
-    dispatcher = Dispatcher(limits)
-    supervisor = Supervisor(_worker_options(config, lock.folder), dispatcher)
+    dispatcher = Dispatcher(Limits(config.workers.attempts, config.workers.job_timeout_s))
+    supervisor = Supervisor(making.worker_options(lock.folder, config), dispatcher)
     work = WorkSocket(context, dispatcher, (supervisor.tick,))
     house = House(reactor, stream, records, present, store, recorder, loader, work, supervisor)
     link = RigLink(AcquisitionRequest, lambda: devices.projector.size_px, lambda: present.config.camera)
-    scans = Scans(house, link, SOFTWARE)
-    leases = Leases()
-    rig = Rig(devices.camera, devices.projector, config.camera.driver, config.projector.driver, _truth(devices))
-    name = devices.rig.identity if devices.rig else config.name
-    identity = Identity(
-        config.name,
-        name,
-        rig.simulated,
-        rig.replayed,
-        str(store.data_dir),
-        str(config_path.absolute()) if config_path else "",
-    )
-    gauges: dict[str, Callable[[], Mapping[str, int]]] = {}
-    status = Status(
-        house, leases, scans, identity, lambda: {k: v for read in gauges.values() for k, v in read().items()}
-    )
-    own = Station(name, present.calibration.hash if present.calibration else "", SOFTWARE)
+    parts = {
+        "house": house, "store": store, "scans": Scans(house, link, making.SOFTWARE), "recorder": recorder,
+        "loader": loader, "dispatcher": dispatcher, "supervisor": supervisor, "work": work, "sockets": sockets,
+        "lock": lock, "context": context, "link": link,
+    }  # fmt: skip
+    return house, parts
+
+
+def _station(
+    made: dict[str, Any],
+    rest: Any,
+    read_config: Callable[[], StationConfig],
+    read_calibration: Callable[[StationConfig], Any],
+) -> RunningStation:
+    """Build what acquires, answers and publishes; bind the sockets last."""
+    rig, identity, simulator, remote = rest
+    house, scans, link, sockets = made["house"], made["scans"], made.pop("link"), made["sockets"]
+    config, leases, gauges = house.present.config, Leases(), making.Gauges()
+    status = Status(house, leases, scans, identity, gauges)
+    make_station = partial(making.station_of, identity.rig)
     link.runner = runner = AcquisitionRunner(
-        rig, own, RigListener(house, scans, status), store.begin_set, config.acquisition, config.checks
-    )
-    parts = Parts(
-        house, scans, status, runner, recorder, loader, dispatcher, supervisor, work, sockets, lock, context
+        rig, make_station(house.present.calibration), RigListener(house, scans, status), made["store"].begin_set,
+        config.acquisition, config.checks,
     )  # fmt: skip
-    running = RunningStation(parts, Notifier(os.environ), read_config, read_calibration)
-    simulator = Simulator(house, devices.rig) if devices.rig else None
-    hello = partial(_hello, identity, sockets, remote)
+    make = (make_station, partial(making.worker_options, made["lock"].folder))
+    parts = Parts(**made, status=status, runner=runner)
+    running = RunningStation(parts, Notifier(os.environ), read_config, read_calibration, make)
+    hello = partial(making.hello, identity, sockets, remote)
     verbs = {
         **StationVerbs(house, leases, hello, status.state, running.reload, simulator).table(),
         **ScanVerbs(house, scans, leases).table(),
-        **RecordVerbs(house, SOFTWARE).table(),
+        **RecordVerbs(house, making.SOFTWARE).table(),
     }
-    control = Control(reactor, sockets.control, verbs)
-    gauges["control"] = lambda: _named("control", control.counters)
-    gauges["work"] = lambda: _named("work", dispatcher.counters)
-    sockets.bind(work.socket, remote)
+    control = Control(house.reactor, sockets.control, verbs)
+    gauges.add("control", control.counters)
+    gauges.add("work", made["dispatcher"].counters)
+    sockets.bind(made["work"].socket, remote)
     return running
-
-
-def _named(prefix: str, counters: Counter[str]) -> dict[str, int]:
-    return {f"{prefix}_{name}": count for name, count in counters.items()}
-
-
-def _hello(identity: Identity, sockets: Sockets, remote: Remote | None, for_remote: bool) -> dict[str, Any]:
-    return {
-        "name": identity.name, "version": __version__, "protocol": wire.VERSION, "pid": os.getpid(),
-        "simulated": identity.simulated, "replayed": identity.replayed, **sockets.addresses(remote, for_remote),
-    }  # fmt: skip
-
-
-def _worker_options(config: StationConfig, runtime: Path) -> WorkerOptions:
-    workers = config.workers
-    folders = [Path(folder).expanduser() for folder in workers.plugin_folders]
-    return WorkerOptions(
-        endpoint(runtime, "work"), workers.count, workers.threads, workers.memory_mb, folders, config.log.level
-    )
-
-
-def _truth(devices: Devices) -> Callable[[str], Any] | None:
-    rig = devices.rig
-    return None if rig is None else lambda role: rig.truth()
-
-
-def _load_plugins(config: StationConfig) -> Any:
-    from fringed.loading import load_plugins
-
-    return load_plugins([Path(folder).expanduser() for folder in config.workers.plugin_folders])

@@ -89,14 +89,16 @@ def test_after_a_kill_the_next_start_needs_no_hand(tmp_path):
 
 def test_a_good_reload_is_applied_and_names_what_needs_a_restart(daemon):
     daemon.until_ready()
-    changed = SMALL.replace("retries = 1", "retries = 7").replace("count = 1", "count = 2")
+    changed = SMALL.replace("retries = 1", "retries = 7").replace("count = 1", "count = 2").replace("160", "168")
     daemon.config.write_text(changed + "[presets.mine]\npipeline = 'thesis'\n")
     daemon.send(signal.SIGHUP)
-    daemon.logged("reloaded; applied: ['acquisition.retries', 'presets.mine']; needs a restart: ['workers.count']")
+    daemon.logged("reloaded; applied: ['acquisition.retries', 'presets.mine', 'workers.count']; ")
+    daemon.logged("needs a restart: ['simulation.sensor.width_px']")
     with daemon.client() as client:
         config = client.request("config")
+        assert len(client.status().workers) == 2
     assert config["acquisition"]["retries"] == 7
-    assert config["workers"]["count"] == 1  # still in force
+    assert config["simulation"]["sensor"]["width_px"] == 160  # still in force
 
 
 def test_a_bad_reload_changes_nothing_and_is_told(daemon):

@@ -14,13 +14,14 @@ from typing import Any
 import zmq
 
 from fringed import logs
-from fringed.acquisition import AcquisitionRunner
+from fringed.acquisition import AcquisitionRunner, Station
 from fringed.assembly.memory import INTERVAL_S, Trimmer
+from fringed.assembly.quarantining import QuarantineKeeper
 from fringed.config import StationConfig
 from fringed.data import Calibration
 from fringed.errors import FringedError
 from fringed.messages import Event
-from fringed.recording import Recorder
+from fringed.recording import Recorder, Store
 from fringed.sdnotify import Notifier
 from fringed.serving.house import House
 from fringed.serving.records import iso_now
@@ -31,7 +32,8 @@ from fringed.serving.sockets import Sockets
 from fringed.serving.status import Status
 from fringed.serving.work import WorkSocket
 from fringed.workers.dispatch import Dispatcher
-from fringed.workers.supervisor import Supervisor
+from fringed.workers.jobs import Limits
+from fringed.workers.supervisor import Supervisor, WorkerOptions
 
 _log = logging.getLogger(__name__)
 
@@ -41,6 +43,7 @@ class Parts:
     """Everything that has to be started and stopped."""
 
     house: House
+    store: Store
     scans: Scans
     status: Status
     runner: AcquisitionRunner
@@ -63,11 +66,13 @@ class RunningStation:
         notifier: Notifier,
         read_config: Callable[[], StationConfig],
         read_calibration: Callable[[StationConfig], Calibration | None],
+        make: tuple[Callable[[Calibration | None], Station], Callable[[StationConfig], WorkerOptions]],
     ) -> None:
         self._parts = parts
         self._notifier = notifier
         self._read_config = read_config
         self._read_calibration = read_calibration
+        self._make_station, self._worker_options = make
 
     @property
     def reactor_post(self) -> Callable[[Callable[[], Any]], None]:
@@ -84,6 +89,7 @@ class RunningStation:
             parts.work.attach(reactor)
             parts.status.start()
             reactor.every(0.25, parts.status.watch)
+            reactor.every(1.0, QuarantineKeeper(parts.house, parts.dispatcher.quarantine, parts.store))
             reactor.every(INTERVAL_S, Trimmer(lambda: bool(parts.house.records.running)))
             if self._notifier.watchdog_s:
                 reactor.every(self._notifier.watchdog_s / 2, self._notifier.alive)
@@ -116,7 +122,9 @@ class RunningStation:
             raise
         applied, needs_restart = changes(present.config, new)
         present.config, present.calibration = _kept(present.config, new), calibration
-        parts.runner.reconfigure(new.acquisition, new.checks)
+        parts.runner.reconfigure(new.acquisition, new.checks, self._make_station(calibration))
+        if any(path.startswith("workers.") for path in applied):
+            self._reload_workers(new)
         parts.scans.sequences.clear()
         parts.sockets.read_clients_again()
         logs.set_up(new.log)
@@ -126,6 +134,14 @@ class RunningStation:
             "event",
         )
         return {"applied": applied, "needs_restart": needs_restart}
+
+    def _reload_workers(self, new: StationConfig) -> None:
+        """Apply limits; start the workers anew where their options changed."""
+        parts = self._parts
+        parts.dispatcher.set_limits(Limits(new.workers.attempts, new.workers.job_timeout_s))
+        options = self._worker_options(new)
+        if options != parts.supervisor.options:
+            parts.supervisor.reload(parts.house.reactor.now(), options)
 
     def reload_quietly(self) -> None:
         """Reload for SIGHUP: problems are logged, and that is all."""

@@ -5,6 +5,7 @@ Owns where a scene's object comes from: built in, or made by a plug-in in a work
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from fringed.serving.ports import JobWatcher
 if TYPE_CHECKING:
     from fringed.simulation.rig import SimulatedRig
 
+_log = logging.getLogger(__name__)
 Done = Callable[[Any], None]
 Failed = Callable[[FringedError], None]
 
@@ -48,6 +50,16 @@ class Simulator:
             _ignore,
         )
         self._house.jobs.submit(Job(new_id(), (call,), {}, f"scene {config.object}", simulated=True), watcher)
+
+    def set_first_scene(self, scene: Mapping[str, Any]) -> None:
+        """Have a worker make the configured scene; until it has, a plane stands in, and that is said."""
+        name = scene["object"]
+        _log.warning("the scene %r comes from a plug-in; until a worker has made it, a plane stands there", name)
+        self.set_scene(
+            scene,
+            lambda _: _log.info("the scene %r stands there now", name),
+            lambda error: _log.error("the scene %r cannot be made, a plane stands there: %s", name, error),
+        )
 
     def order_fault(self, fault: str, count: int) -> None:
         """Have the next `count` occasions struck by a fault."""

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from fringed.config import StationConfig, load_station, merged, validate
-from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, NotFound, Problem
+from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, FringedError, NotFound, Problem
 from fringed.loading import Catalogue, load_plugins
 
 
@@ -57,10 +57,31 @@ def plugin_problems(config: StationConfig) -> list[Problem]:
                 continue
             both = merged(stages[own].params, params)
             _check(catalogue, "processor", stages[own].processor, ("", f"{where}.stages.{own}"), both, problems)
+    problems += _scene_problems(config, catalogue)
     for kind, driver in (("camera", config.camera.driver), ("projector", config.projector.driver)):
         if driver not in ("none", "sim", "replay", *catalogue.provided.get(kind, {})):
             there = ", ".join(["none", "sim", "replay", *sorted(catalogue.provided.get(kind, {}))])
             problems.append(Problem(f"{kind}.driver", repr(driver), f"one of {there}"))
+    return problems
+
+
+def _scene_problems(config: StationConfig, catalogue: Catalogue) -> list[Problem]:
+    from fringed.simulation.shapes import OBJECTS, shape_maker
+
+    scene, problems = config.simulation.scene, list[Problem]()
+    path = "simulation.scene"
+    if scene.object in catalogue.provided.get("scene", {}):
+        _check(catalogue, "scene", scene.object, ("", f"{path}.options"), scene.options, problems)
+    elif scene.object not in OBJECTS:
+        there = ", ".join([*OBJECTS, *sorted(catalogue.provided.get("scene", {}))])
+        problems.append(Problem(f"{path}.object", repr(scene.object), f"one of {there}"))
+    else:
+        try:
+            shape_maker(scene)
+        except ConfigurationError as error:
+            problems += error.problems
+        except FringedError as error:
+            problems.append(Problem(f"{path}.options", repr(dict(scene.options))[:80], error.message))
     return problems
 
 

@@ -11,7 +11,17 @@ from typing import Any
 from fringed.config import StationConfig, effective
 
 AT_ONCE = frozenset(
-    {"acquisition", "checks", "pipelines", "presets", "default_pipeline", "log", "calibration", "record_truth"}
+    {
+        "acquisition",
+        "checks",
+        "pipelines",
+        "presets",
+        "default_pipeline",
+        "log",
+        "calibration",
+        "record_truth",
+        "workers",
+    }
 )
 CAMERA_AT_ONCE = frozenset({"exposure_us", "gain_db", "bits", "channel", "trigger"})
 

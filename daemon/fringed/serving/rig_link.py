@@ -139,7 +139,10 @@ class RigListener:
         self._house.reactor.post(partial(callback, *arguments))
 
     def _event(self, event: Event) -> None:
-        self._house.counters[event.name] += 1
+        if event.name == "set.retaken":
+            self._scans.set_retaken(str(event.detail.get("scan", "")))
+        elif event.name == "latency.measured":
+            self._scans.latency_measured(float(event.detail["latency_s"]), event.text)
         _log.log(_LEVELS[event.level], "%s: %s", event.name, event.text)
         self._house.stream.publish(event, wire.TOPIC_EVENT)
         self._scans.told(event)

@@ -114,7 +114,6 @@ class ScanFlow(Flow):
         role = frame_set.role
         self._inputs[role] = frame_set
         self.record.last_frame_s = acquired.last_frame_s
-        self.record.retakes += frame_set.retakes
         timings[f"acquire/{role}"] = round(acquired.last_frame_s - self._set_began_s, 6)
         timings["check"] = round(timings.get("check", 0.0) + acquired.checked_s - acquired.last_frame_s, 6)
         self._set_began_s = acquired.checked_s

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from fringed.data import Truth
+from fringed.data import FrameSet, Truth
 from fringed.errors import FringedError
 from fringed.messages import Event, ScanState
 from fringed.serving.flow import Flow
@@ -94,11 +94,28 @@ class Scans:
     def set_acquired(self, acquired: AcquiredSet) -> None:
         """Count and pass on a good set."""
         self._house.counters["sets_taken"] += 1
+        self._house.counters["frames_discarded"] += _discarded(acquired.frame_set)
         flow = self._flows.get(acquired.frame_set.scan)
         if flow is None:
             acquired.discard()
         else:
             flow.set_acquired(acquired)
+
+    def set_retaken(self, scan: str) -> None:
+        """Count that a set failed its check, or could not be taken, and is taken again."""
+        self._house.counters["sets_retaken"] += 1
+        flow = self._flows.get(scan)
+        if flow is not None:
+            flow.record.retakes += 1
+            self._house.records.touch(flow.record)
+
+    def latency_measured(self, latency_s: float, text: str) -> None:
+        """Tell the measured delay to who asked for it, or to the scan that needed it first."""
+        self._house.counters["latency_measured"] += 1
+        for flow in self._flows.values():
+            if flow.record.state == "acquiring":
+                flow.record.timings_s["latency"] = round(latency_s, 6)
+                self._house.records.change(flow.record, text=text)
 
     def truth_known(self, truth: Truth) -> None:
         """Pass on what a simulated rig knows; the scan whose set it is takes it."""
@@ -131,3 +148,12 @@ class Scans:
         state = flow.record.snapshot()
         self._house.reactor.post(flow.start)  # its answer leaves first: "queued"
         return state
+
+
+def _discarded(frame_set: FrameSet) -> int:
+    """Return how many frames the camera delivered between those that were kept."""
+    if not frame_set.stamps:
+        return 0
+    counters = [stamp.counter for stamp in frame_set.stamps]
+    skipped = frame_set.check.counters_skipped if frame_set.check else 0
+    return max(0, counters[-1] - counters[0] + 1 - len(counters) - skipped)

@@ -21,6 +21,7 @@ from fringed.serving.scans import Scans
 HEARTBEAT_S = 1.0
 _SOON_S = 0.05  # changes within it are told together
 _PAGE = os.sysconf("SC_PAGE_SIZE")
+_ALWAYS = ("sets_taken", "sets_retaken", "sets_failed", "frames_discarded", "jobs", "recorded")
 _UNKNOWN = DeviceState("ABSENT", "none", "", "not configured")
 
 
@@ -95,7 +96,7 @@ class Status:
 
     def _counters(self) -> dict[str, int]:
         house = self.house
-        total: Counter[str] = Counter(dict.fromkeys(("sets_taken", "sets_retaken", "sets_failed", "jobs"), 0))
+        total: Counter[str] = Counter(dict.fromkeys(_ALWAYS, 0))
         total.update(house.counters)
         total.update(house.records.counters)
         total.update({f"stream_{name}": count for name, count in house.stream.counters.items()})

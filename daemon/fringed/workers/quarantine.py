@@ -5,6 +5,7 @@ Owns the counts and entries; knows no worker.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from fringed.messages import ErrorInfo, QuarantineEntry
@@ -37,6 +38,10 @@ class Quarantine:
         del self._failures[key]
         self._entries[key] = QuarantineEntry(subject, pipeline, reason, count, created)
         return self._entries[key]
+
+    def restore(self, entries: Iterable[QuarantineEntry]) -> None:
+        """Take over what an earlier run gave up."""
+        self._entries.update({(entry.subject, entry.pipeline): entry for entry in entries})
 
     def succeeded(self, subject: str, pipeline: str) -> None:
         """Forget earlier failures: they were not the subject's."""

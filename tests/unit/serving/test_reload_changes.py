@@ -16,5 +16,5 @@ def test_checks_camera_settings_and_presets_at_once_but_drivers_after_a_restart(
         "workers": {"count": 3},
     }
     applied, restart = changes(simulated_station(), simulated_station(over))
-    assert applied == ["camera.exposure_us", "checks.residual_max", "presets.mine"]
-    assert restart == ["camera.options.buffers", "workers.count"]
+    assert applied == ["camera.exposure_us", "checks.residual_max", "presets.mine", "workers.count"]
+    assert restart == ["camera.options.buffers"]
