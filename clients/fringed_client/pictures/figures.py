@@ -24,8 +24,11 @@ PAPER = "#fafaf8"
 
 def figure(width_in: float, height_in: float) -> Figure:
     """Return an empty figure on paper."""
-    drawn = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor=PAPER, layout="constrained")
+    drawn = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor=PAPER, layout="compressed")
     FigureCanvasAgg(drawn)
+    engine = drawn.get_layout_engine()
+    if engine is not None:
+        engine.set(w_pad=0.1, h_pad=0.08)  # type: ignore[call-arg]
     return drawn
 
 

@@ -124,8 +124,8 @@ def _splat(
         channels.append(values[visible])
     sums = np.stack([np.bincount(index, c, width * height) for c in channels], axis=1).astype(np.float32)
     count = np.bincount(index, minlength=width * height).astype(np.float32)
-    blurred = cv2.GaussianBlur(sums.reshape(height, width, -1), (5, 5), 0.9)
-    return np.atleast_3d(blurred), np.asarray(cv2.GaussianBlur(count.reshape(height, width), (5, 5), 0.9))
+    blurred = cv2.GaussianBlur(sums.reshape(height, width, -1), (5, 5), 1.1)
+    return np.atleast_3d(blurred), np.asarray(cv2.GaussianBlur(count.reshape(height, width), (5, 5), 1.1))
 
 
 def _light(sums: Float32Array, weight: Float32Array) -> tuple[Float32Array, Array]:
