@@ -25,6 +25,7 @@ from fringed_client.protocol import flows
 from fringed_client.protocol.flows import Flow, OnProgress
 from fringed_client.protocol.messages import Message, SubscriptionCore
 from fringed_client.protocol.requests import Call, RequestCore
+from fringed_client.results import AsyncScanResult
 from fringed_client.station import JOB_TIMEOUT_S, client_name
 from fringed_client.subscription import QUEUE, SILENCE_MAX_S
 
@@ -203,13 +204,13 @@ class AsyncStation:
     async def _submit(
         self, verb: str, asked: Mapping[str, Any], timeout_s: float, on_progress: OnProgress | None = None
     ) -> AsyncScanResult:
-        return AsyncScanResult(await self._run(flows.submit(verb, asked, timeout_s, on_progress)), self)
+        return AsyncScanResult(await self._run(flows.submit(verb, asked, timeout_s, on_progress)), self.get)
 
     async def wait(
         self, id: str, on_progress: OnProgress | None = None, timeout_s: float = JOB_TIMEOUT_S
     ) -> AsyncScanResult:
         """Wait for a scan or job that somebody else has started."""
-        return AsyncScanResult(await self._run(flows.watch(id, timeout_s, on_progress)), self)
+        return AsyncScanResult(await self._run(flows.watch(id, timeout_s, on_progress)), self.get)
 
     async def cancel(self, id: str) -> ScanState:
         """Stop a scan or job."""
@@ -275,33 +276,3 @@ async def _receive(
         found.append(await socket.recv_multipart(copy=False))
     newest = {frames[0].bytes: frames for frames in found}
     return list(newest.values())
-
-
-class AsyncScanResult:
-    """The end of a scan or job; products are awaited: `await result.last("RangeImage")`."""
-
-    def __init__(self, state: ScanState, station: AsyncStation) -> None:
-        self.state = state
-        self.id = state.id
-        self.timings_s = state.timings_s
-        self._station = station
-
-    async def last(self, kind: str) -> Any:
-        """Return the last product of a type by its name, such as "RangeImage".
-
-        Raises
-        ------
-        NotFound
-            the pipeline makes none.
-        """
-        return await self._station.get(flows.last_product(self.state, kind))
-
-    async def frame_set(self, role: str = "object") -> Any:
-        """Return the frame set of a role.
-
-        Raises
-        ------
-        KeyError
-            the scan has no such role.
-        """
-        return await self._station.get(self.state.frame_sets[role])

@@ -5,7 +5,7 @@ Owns the lazy view of a station's products; the fetching itself is given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from typing import Any
 
 from fringed.data import FrameSet, Model, PhaseMap, RangeImage, Registration, Truth
@@ -118,3 +118,33 @@ class ScanResult:
         from fringed_client.html import result_html
 
         return result_html(self)
+
+
+class AsyncScanResult:
+    """The end of a scan or job; products are awaited: `await result.last("RangeImage")`."""
+
+    def __init__(self, state: ScanState, fetch: Callable[[str], Awaitable[Any]]) -> None:
+        self.state = state
+        self.id = state.id
+        self.timings_s = state.timings_s
+        self._get = fetch
+
+    async def last(self, kind: str) -> Any:
+        """Return the last product of a type by its name, such as "RangeImage".
+
+        Raises
+        ------
+        NotFound
+            the pipeline makes none.
+        """
+        return await self._get(flows.last_product(self.state, kind))
+
+    async def frame_set(self, role: str = "object") -> Any:
+        """Return the frame set of a role.
+
+        Raises
+        ------
+        KeyError
+            the scan has no such role.
+        """
+        return await self._get(self.state.frame_sets[role])
