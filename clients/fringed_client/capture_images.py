@@ -100,8 +100,8 @@ def _compare(
     pairs = [(p, i) for role in images for p, i in zip(files[role], images[role], strict=True) if i is not None]
     if not pairs:
         return
-    kinds = [(image.shape, image.dtype) for _, image in pairs]
-    usual = max(set(kinds), key=kinds.count)
+    shapes, types = [image.shape for _, image in pairs], [image.dtype for _, image in pairs]
+    usual = (max(shapes, key=shapes.count), max(types, key=types.count))  # the first one where numbers are equal
     for path, image in pairs:
         name = str(path.relative_to(folder))
         if image.shape != usual[0]:

@@ -137,7 +137,7 @@ class AsyncScanResult:
         NotFound
             the pipeline makes none.
         """
-        return await self._get(flows.last_product(self.state, kind))
+        return await self._get(last_product(self.state, kind))
 
     async def frame_set(self, role: str = "object") -> Any:
         """Return the frame set of a role.

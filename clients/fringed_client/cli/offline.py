@@ -40,10 +40,12 @@ def process_command(
     from fringed_client.private import any_station
 
     inputs, plan = _inputs(sources, wish["calibration"])
-    with any_station(options.station, output.say, config) as station, output.steps() as steps:
+    with any_station(options.station, output.say, config) as station:
         asked = _plan(station, inputs, plan, wish["pipeline"])
-        result = station.process(inputs, **asked, params=wish["params"] or None,
-                                 on_progress=steps.scan("process"), timeout_s=timeout)  # fmt: skip
+        with output.steps() as steps:
+            show = steps.scan("process")
+            params = wish["params"] or None
+            result = station.process(inputs, **asked, params=params, on_progress=show, timeout_s=timeout)
         report(station, result, folder, options)
 
 
@@ -176,8 +178,9 @@ def register_command(
     from fringed_client.private import any_station
 
     given = [view if ID.match(view) else load_recording(Path(view)) for view in views]
-    with any_station(options.station, output.say, config) as station, output.steps() as steps:
-        result = station.register(
-            given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register")
-        )
+    with any_station(options.station, output.say, config) as station:
+        with output.steps() as steps:
+            result = station.register(
+                given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register")
+            )
         report(station, result, folder, options)

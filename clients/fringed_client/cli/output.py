@@ -53,9 +53,13 @@ def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = ""
     from rich import box
     from rich.table import Table
 
-    drawn = Table(*columns, title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
-    for row in rows:
-        drawn.add_row(*(str(cell) for cell in row))
+    cells = [[str(cell) for cell in row] for row in rows]
+    drawn = Table(title=title or None, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, name in enumerate(columns):
+        widest = max((len(row[0]) for row in cells), default=0)
+        drawn.add_column(name, no_wrap=number == 0, min_width=widest if number == 0 else None)  # ids stay whole
+    for row in cells:
+        drawn.add_row(*row)
     console().print(drawn)
 
 

@@ -41,11 +41,12 @@ def scan_command(folder: Path | None, yes: bool, timeout: float, options: Option
     """
     from fringed_client.station import Station
 
-    with Station(options.station) as station, output.steps() as steps:
+    with Station(options.station) as station:
         asked = _asked(wish)
         if not station.hello.get("simulated") and not yes and not options.json:
             _prompt(station, asked)
-        result = station.scan(**asked, on_progress=steps.scan("scan"), timeout_s=timeout)
+        with output.steps() as steps:
+            result = station.scan(**asked, on_progress=steps.scan("scan"), timeout_s=timeout)
         report(station, result, folder, options)
 
 
