@@ -93,6 +93,7 @@ class Outlet:
             parcel = self._pending.popleft()
             bulk = parcel.nbytes >= BULK_BYTES
             parcel.give_up_s = now + (self._patience.bulk_s if bulk else self._patience.small_s)
+            self._socket.getsockopt(zmq.EVENTS)  # zmq now takes note of what was read; else it may do so 1 ms too late
             parcel.trackers = send_tracked(self._socket, parcel.frames())
             self._on_way.append(parcel)
             self.sent += 1

@@ -12,10 +12,12 @@ from typing import Any, Protocol
 
 from fringed.config import FAULTS, effective
 from fringed.errors import FringedError, UsageError
-from fringed.messages import StationState
+from fringed.messages import Event, StationState
 from fringed.serving.house import House
 from fringed.serving.leases import Leases
+from fringed.serving.records import iso_now
 from fringed.serving.requests import LATER, Call, Verb
+from fringed.wire import TOPIC_EVENT
 
 _log = logging.getLogger(__name__)
 
@@ -93,6 +95,8 @@ class StationVerbs:
         holder = lease.holder if lease else ""
         _log.warning("lease of %r broken by %r: %s", holder, call.request.client, reason[:500])
         self.house.counters["leases_broken"] += bool(lease)
+        detail = {"holder": holder, "by": call.request.client, "reason": reason[:500]}
+        self.house.stream.publish(Event("lease.broken", iso_now(), "warning", f"held by {holder}", detail), TOPIC_EVENT)
         return {"broken": holder}
 
     def _clear(self, call: Call) -> Any:

@@ -138,3 +138,22 @@ def test_random_bytes_on_the_socket_are_counted_and_harm_nobody(stream, reactor,
     assert subscriber.until(1)[-1] == ("event", 1)
     assert stream.malformed > 5000
     assert reactor.failures == 0
+
+
+def test_a_burst_of_bulky_messages_reaches_a_reading_process_whole(reactor, context, tmp_path):
+    socket = context.socket(zmq.XPUB)
+    socket.setsockopt(zmq.XPUB_VERBOSE, 1)
+    socket.setsockopt(zmq.SNDHWM, 2)
+    socket.bind(f"ipc://{tmp_path}/stream")
+    stream = Stream(reactor, socket, 2)
+    subscriber = Subscriber(context, reactor, "product/range-image", address=f"ipc://{tmp_path}/stream")
+    assert reactor.run_until(lambda: stream.wanted("product/range-image"), 5.0)
+    content = range_image()
+    encoded = wire.prepare(content)
+    for number in range(1, 301):
+        reactor.run_until(lambda: stream.outlet.waiting == 0, 5.0)
+        stream.publish(content, encoded=encoded)
+        subscriber.drain()
+        assert stream.outlet.dropped == 0
+        assert number == stream.counters["product/range-image"]
+    assert [seq for _, seq in subscriber.until(300)] == list(range(1, 301))
