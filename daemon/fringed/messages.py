@@ -4,7 +4,7 @@ Owns the vocabulary of the three sockets; `wire` turns it into bytes. Knows no s
 
 control: `Request` -> `Reply`.  stream: `StationState`, `Event`, `Preview`, and every recorded type.
 work: `WorkerReady`, `WorkerAlive`, `JobProgress`, `StageDone`, `JobDone`, `JobFailed` -> `Job`,
-`JobCancel`, `WorkerStop`.
+`JobCancel`, `StageTaken`, `WorkerStop`.
 """
 
 from __future__ import annotations
@@ -195,6 +195,14 @@ class JobCancel:
 
 
 @dataclass(frozen=True)
+class StageTaken:
+    """That stage's product is recorded and announced: a worker that held others back may send them."""
+
+    job: str
+    stage: str
+
+
+@dataclass(frozen=True)
 class WorkerStop:
     """Finish and go."""
 
@@ -280,6 +288,6 @@ class Pixels(_Frozen):
 
 MESSAGES: tuple[type, ...] = (
     Request, Reply, ErrorInfo, StationState, DeviceState, LeaseState, WorkerState, QuarantineEntry, Event,
-    Preview, ScanState, StageCall, Job, JobCancel, WorkerStop, PluginInfo, WorkerReady, WorkerAlive,
+    Preview, ScanState, StageCall, Job, JobCancel, StageTaken, WorkerStop, PluginInfo, WorkerReady, WorkerAlive,
     JobProgress, StageDone, JobDone, JobFailed, Pixels,
 )  # fmt: skip

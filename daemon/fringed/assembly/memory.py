@@ -14,22 +14,25 @@ from pathlib import Path
 from fringed.serving.status import memory_mb
 
 INTERVAL_S = 3.0
+_QUIET_LOOKS = 6  # between scans that follow each other, what was freed is soon needed again
 WORTH_MB = 10.0
 _LARGE_BYTES = 16 << 20
 _DONTNEED = 4  # MADV_DONTNEED
 
 
 class Trimmer:
-    """Called every few seconds: where nothing runs and memory has grown, return what is free to the system."""
+    """Called every few seconds: where nothing has run for a while and memory has grown, give back what is free."""
 
     def __init__(self, busy: Callable[[], bool]) -> None:
         self._busy = busy
         self._left_mb = 0.0
+        self._quiet = _QUIET_LOOKS
         self._libc = ctypes.CDLL(None)
 
     def __call__(self) -> None:
         """Look, and trim where it is worth it."""
-        if self._busy() or memory_mb() < self._left_mb + WORTH_MB:
+        self._quiet = 0 if self._busy() else self._quiet + 1
+        if self._quiet < _QUIET_LOOKS or memory_mb() < self._left_mb + WORTH_MB:
             return
         with suppress(AttributeError):  # glibc alone has it
             self._libc.malloc_trim(0)

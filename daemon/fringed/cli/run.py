@@ -19,6 +19,7 @@ from fringed.cli.configuration import configuration
 from fringed.errors import EXIT_INTERRUPTED, EXIT_OK
 
 _log = logging.getLogger(__name__)
+_KEEP_MB = 256  # a set, its range image and its phase map, on their ways
 
 
 def serve(path: Path | None, settings: Iterable[str]) -> int:
@@ -31,6 +32,9 @@ def serve(path: Path | None, settings: Iterable[str]) -> int:
 
     config = read_config()
     logs.set_up(config.log)
+    from fringed.workers.memory import keep_freed_pages
+
+    keep_freed_pages(_KEEP_MB)
     from fringed.app import build
 
     station = build(config, path, read_config)

@@ -8,7 +8,7 @@ could make Python run anything.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import prod
 from pathlib import Path
@@ -47,15 +47,21 @@ def lay_out(path: Path, headers: Headers, encoded: Encoded | None = None, record
         alignment_interval=_PAGE_BYTES,
     ) as file:
         offsets = {header["path"]: _make_dataset(file, header) for header in headers}
+        for header in headers:
+            if "xxh3" in header:
+                _describe(file[header["path"]], header)
         if encoded is not None:
             _annotate(file, encoded, record_id)
     return offsets
 
 
-def annotate(path: Path, encoded: Encoded, record_id: str) -> None:
-    """Write the tree and the attributes into a file that `lay_out` made."""
+def annotate(path: Path, encoded: Encoded, record_id: str, described: Collection[str]) -> None:
+    """Write the tree and the attributes into a file that `lay_out` made; `described` arrays have theirs."""
     with h5py.File(path, "r+", locking=False) as file:
         _annotate(file, encoded, record_id)
+        for header in encoded.headers:
+            if header["path"] not in described:
+                _describe(file[header["path"]], header)
 
 
 def nbytes(header: Mapping[str, Any]) -> int:
@@ -84,15 +90,16 @@ def _annotate(file: h5py.File, encoded: Encoded, record_id: str) -> None:
     for name, value in attributes(encoded, record_id).items():
         file.attrs[name] = value
     file.attrs["tree"] = msgspec.json.encode(encoded.body).decode()
-    for header in encoded.headers:
-        dataset = file[header["path"]]
-        dataset.attrs["xxh3"] = header["xxh3"]
-        name = header["path"].rpartition("/")[2]
-        for suffix, units in UNITS.items():
-            if name.endswith(suffix):
-                dataset.attrs["units"] = units
-        if name in AXES and "/" not in header["path"]:
-            dataset.attrs["axes"] = AXES[name]
+
+
+def _describe(dataset: h5py.Dataset, header: Mapping[str, Any]) -> None:
+    dataset.attrs["xxh3"] = header["xxh3"]
+    name = header["path"].rpartition("/")[2]
+    for suffix, units in UNITS.items():
+        if name.endswith(suffix):
+            dataset.attrs["units"] = units
+    if name in AXES and "/" not in header["path"]:
+        dataset.attrs["axes"] = AXES[name]
 
 
 @contextmanager

@@ -41,6 +41,7 @@ class Partial:
         self._needed = sum(hdf5.nbytes(header) for header in headers) + _METADATA_BYTES
         self._sizes = {header["path"]: hdf5.nbytes(header) for header in headers}
         self._annotated = encoded is not None
+        self._described = frozenset(header["path"] for header in headers if "xxh3" in header)
         self._fd = -1
         if self.path.exists():
             raise UsageError(f"{record_id} is recorded already; a recording is never overwritten: give it a new id")
@@ -70,7 +71,7 @@ class Partial:
         self._check_open()
         with self._or_abort():
             if not self._annotated:
-                hdf5.annotate(self._part, encoded, self.record_id)
+                hdf5.annotate(self._part, encoded, self.record_id, self._described)
             extents = [
                 (offset, self._sizes[path])
                 for path, offset in self._offsets.items()

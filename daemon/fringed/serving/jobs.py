@@ -89,6 +89,7 @@ class JobRun:
             record.timings_s.setdefault("last_frame_to_range_image", round(waited, 6))
         entry = {"id": product.id, "kind": type(product).__name__, "stage": stage, "role": ""}
         record.products.append(entry)
+        self._house.jobs.taken(self.job, stage)
         self._house.records.touch(record)
         self._maybe_end()
 

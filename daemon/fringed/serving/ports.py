@@ -63,6 +63,9 @@ class Jobs(Protocol):
     def cancel(self, job: str) -> bool:
         """Stop a job."""
 
+    def taken(self, job: str, stage: str) -> None:
+        """Tell a job's worker that a product of it is announced."""
+
 
 class Hosts(Protocol):
     """What is known of workers and their plug-ins."""

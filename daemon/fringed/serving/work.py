@@ -33,6 +33,9 @@ class WorkLogic(Protocol):
     def cancel(self, job: str, now: float) -> bool:
         """Stop a job."""
 
+    def taken(self, job: str, stage: str) -> None:
+        """Tell a job's worker that a product of it is announced."""
+
     def received(self, worker: str, message: Any, now: float) -> None:
         """Take one message."""
 
@@ -101,6 +104,11 @@ class WorkSocket:
         known = self._logic.cancel(job, time.monotonic())
         self.flush()
         return known
+
+    def taken(self, job: str, stage: str) -> None:
+        """Tell a job's worker that a product of it is announced."""
+        self._logic.taken(job, stage)
+        self.flush()
 
     def serve(self) -> None:
         """Take what has come, at most a burst of it, and send what follows from it."""

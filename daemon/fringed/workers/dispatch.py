@@ -24,6 +24,7 @@ from fringed.messages import (
     JobFailed,
     JobProgress,
     StageDone,
+    StageTaken,
     WorkerAlive,
     WorkerReady,
     WorkerStop,
@@ -90,6 +91,12 @@ class Dispatcher:
             entry.stop = "cancelled"
             self._outbox.append((entry.worker, JobCancel(job)))
         return True
+
+    def taken(self, job: str, stage: str) -> None:
+        """Tell the job's worker that a stage's product is announced; unknown jobs are no matter."""
+        entry = self._entries.get(job)
+        if entry is not None and entry.worker in self.peers:
+            self._outbox.append((entry.worker, StageTaken(job, stage)))
 
     def shutdown(self, reason: str) -> None:
         """Fail everything that is on its way and send all workers home."""

@@ -26,6 +26,7 @@ from fringed.workers.resolve import Pool
 from fringed.workers.stages import run_stage
 
 _TRACE_LINES = 12
+_TAKEN_S = 1.0  # how long other products wait for the last one to be announced
 _log = logging.getLogger(__name__)
 
 
@@ -96,7 +97,11 @@ class Host:
                 name = stage.name
                 held.append(self._stage(job, index, stage, pool))
                 self._check_memory(name)
-            self._answer([held[-1], *held[:-1]], JobDone(job.id, time.perf_counter() - begun_s))
+            seconds = time.perf_counter() - begun_s
+            self._link.send(held.pop())
+            if any(done.product is not None for done in held):  # they would compete with the one that is waited for
+                self._link.wait_taken(_TAKEN_S)
+            self._answer(held, JobDone(job.id, seconds))
         except (Exception, SystemExit) as error:  # noqa: BLE001  a plug-in may raise anything
             self._failed(job, name, error, held)
         finally:

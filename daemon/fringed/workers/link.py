@@ -19,7 +19,7 @@ import zmq
 
 from fringed import wire
 from fringed.errors import WireError
-from fringed.messages import ErrorInfo, Job, JobCancel, JobFailed, WorkerAlive, WorkerStop
+from fringed.messages import ErrorInfo, Job, JobCancel, JobFailed, StageTaken, WorkerAlive, WorkerStop
 
 HEARTBEAT_S = 1.0
 SILENCE_S = 15.0
@@ -41,6 +41,7 @@ class Link:
         self._outbox: deque[list[Any]] = deque()
         self._cancelled: set[str] = set()
         self._current = ""
+        self._taken = threading.Event()
         self._stopping = threading.Event()
         self._wake = os.eventfd(0, os.EFD_CLOEXEC)
         self._thread = threading.Thread(target=self._serve, name="link", daemon=True)
@@ -61,8 +62,13 @@ class Link:
             job = self._jobs.get(timeout=timeout_s)
         except queue.Empty:
             return None
+        self._taken.clear()
         self._current = job.id if job else ""
         return job
+
+    def wait_taken(self, timeout_s: float) -> None:
+        """Wait until a product of the current job is recorded and announced, or the time is over."""
+        self._taken.wait(timeout_s)
 
     @property
     def stopping(self) -> bool:
@@ -125,9 +131,14 @@ class Link:
             self._jobs.put(message)
         elif isinstance(message, JobCancel):
             self._cancelled.add(message.job)
+            self._taken.set()
+        elif isinstance(message, StageTaken):
+            if message.job == self._current:
+                self._taken.set()
         elif isinstance(message, WorkerStop):
             _log.info("sent home: %s", message.reason)
             self._stopping.set()
+            self._taken.set()
             self._jobs.put(None)
         elif isinstance(message, ErrorInfo):
             _log.error("the station answered: %s: %s", message.code, message.message)
