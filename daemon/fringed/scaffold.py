@@ -29,6 +29,9 @@ dependencies = ["fringed>={fringed}", "numpy>=1.26"]
 
 [tool.hatch.build.targets.wheel]
 packages = ["{module}"]
+
+[tool.pytest.ini_options]
+pythonpath = ["."]
 """
 
 _README = """# {name}
