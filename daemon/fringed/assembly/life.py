@@ -158,6 +158,7 @@ class RunningStation:
     def _shut_down(self) -> None:
         """Stop everything in an order in which nothing that is announced is lost; about four seconds at worst."""
         parts, house = self._parts, self._parts.house
+        parts.supervisor.retire()
         parts.scans.cancel_all("the station stops")
         parts.dispatcher.shutdown("the station stops")
         parts.work.flush()

@@ -99,7 +99,10 @@ class Dispatcher:
             self._outbox.append((entry.worker, StageTaken(job, stage)))
 
     def shutdown(self, reason: str) -> None:
-        """Fail everything that is on its way and send all workers home."""
+        """Fail everything that is on its way and send all workers home; what they still answer is stray."""
+        for peer in self.peers.values():
+            peer.jobs.clear()
+            peer.capacity = 0
         for entry in list(self._entries.values()):
             self._finish(entry, ErrorInfo("Cancelled", reason), False)
         self._outbox = [(name, WorkerStop(reason)) for name in self.peers]

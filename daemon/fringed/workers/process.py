@@ -19,6 +19,7 @@ from fringed.workers.blackbox import BlackBox
 from fringed.workers.memory import resident_mb
 
 _LINE_BYTES = 2000
+_LAST_LINES_S = 0.1  # for what it logged last; a process that it left behind may hold the pipe for ever
 _LEVELS = {name: logging.getLevelNamesMapping()[name] for name in ("DEBUG", "INFO", "WARNING", "ERROR", "CRITICAL")}
 
 
@@ -32,14 +33,18 @@ class WorkerProcess:
         command = [sys.executable, "-m", "fringed.workers", "--name", name, "--parent", str(os.getpid())]
         command += ["--box", str(self._box.descriptor), *arguments]
         command += [part for plugin, why in skip.items() for part in ("--skip", f"{plugin}={why}")]
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            pass_fds=(self._box.descriptor,),
-            process_group=0,
-        )
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=(self._box.descriptor,),
+                process_group=0,
+            )
+        except OSError:
+            self._box.close()
+            raise
         assert self._process.stdout is not None
         self._reader = threading.Thread(
             target=_log_lines, args=(name, self._process.stdout), name=f"{name}-log", daemon=True
@@ -82,7 +87,7 @@ class WorkerProcess:
         doing = self.doing
         self.signal(signal.SIGKILL)  # its children
         status = self._process.wait()
-        self._reader.join(timeout=1.0)
+        self._reader.join(_LAST_LINES_S)
         if not self._reader.is_alive() and self._process.stdout is not None:
             self._process.stdout.close()
         self._box.close()

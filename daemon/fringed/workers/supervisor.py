@@ -139,9 +139,13 @@ class Supervisor:
             if slot.process is not None:
                 slot.process.kill(_RELOADED)
 
+    def retire(self) -> None:
+        """Start no worker any more: those that were sent home are not missed."""
+        self._stopped = True
+
     def stop(self, timeout_s: float = 2.0) -> None:
         """End all workers: ask, then kill; returns within `timeout_s` and a little."""
-        self._stopped = True
+        self.retire()
         processes = [slot.process for slot in self._slots if slot.process is not None]
         for process in processes:
             process.signal(signal.SIGTERM)

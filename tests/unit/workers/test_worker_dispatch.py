@@ -448,6 +448,29 @@ def test_shutdown_ends_every_job_and_sends_all_home():
     assert bench.sent() == [("a", WorkerStop("the station stops"))]
 
 
+def test_workers_may_answer_vanish_and_be_watched_after_shutdown():
+    bench = Bench("a", "b")
+    bench.submit(job("j"))
+    (running,) = [name for name, _ in bench.jobs_sent()]
+    bench.it.shutdown("the station stops")
+    bench.sent()
+    bench.say(running, JobDone("j"))
+    bench.now = 1000.0
+    bench.it.tick(bench.now)
+    bench.it.lost("a", "exited with status 0", bench.now)
+    bench.it.lost("b", "exited with status 0", bench.now)
+    assert bench.it.counters["stray"] == 1
+    assert bench.it.active == ()
+
+
+def test_nothing_is_given_to_a_worker_after_shutdown():
+    bench = Bench("a")
+    bench.it.shutdown("the station stops")
+    bench.sent()
+    bench.submit(job("late"))
+    assert bench.jobs_sent() == []
+
+
 def test_subject_is_the_inputs_or_the_first_stage():
     encoder = StageCall("e", "encoder", "gray-code", {"bits": 5})
     same = StageCall("e", "encoder", "gray-code", {"bits": 5})
