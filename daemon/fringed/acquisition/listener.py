@@ -1,6 +1,6 @@
 """What the acquisition thread is asked for, and to whom it reports.
 
-Owns the request and the two protocols that the daemon implements: `Listener` and `SetSink`.
+Owns the requests and the two protocols that the daemon implements: `Listener` and `SetSink`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,14 @@ class AcquisitionRequest:
     roles: tuple[str, ...] = ("object",)
     settings: CameraSettings = field(default_factory=CameraSettings)
     truth: bool = False
+
+
+@dataclass(frozen=True)
+class LatencyRequest:
+    """One measurement of the delay from flip to light, with these settings."""
+
+    scan: str
+    settings: CameraSettings
 
 
 class SetSink(Protocol):
@@ -63,6 +71,9 @@ class Listener(Protocol):
 
     def set_taken(self, frame_set: FrameSet, last_frame_delivered_monotonic_s: float, sink: SetSink) -> None:
         """Take over a checked set, written to `sink` and not committed yet: that is the listener's from here."""
+
+    def discarded(self, count: int) -> None:
+        """Hear how many frames of an attempt, good or not, came and were of no use: too early, mostly."""
 
     def truth(self, truth: Truth) -> None:
         """Take what the simulated rig knows of the set `truth.frame_set`."""

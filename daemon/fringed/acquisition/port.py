@@ -12,7 +12,7 @@ import numpy as np
 
 from fringed.acquisition.rig import Device, Rig, culprit
 from fringed.data import CameraSettings, PatternSequence
-from fringed.errors import DeviceError, DeviceStalled, ProtocolError
+from fringed.errors import DeviceError, DeviceStalled, FringedError, ProtocolError
 from fringed.hookspecs import RawFrame
 from fringed.messages import DeviceState
 
@@ -58,7 +58,8 @@ class RigPort:
         device = culprit(error)
         for candidate in (self.camera, self.projector) if device is None else (device,):
             candidate.fail(error)
-        self._armed = None
+        if not self.camera.is_open:  # it was closed, which disarms it
+            self._armed = None
 
     def arm(self, settings: CameraSettings) -> CameraSettings:
         """Arm the camera, unless it is armed so already, and return the settings in force."""
@@ -89,6 +90,8 @@ class RigPort:
                 self.projector.go("IDLE")
         except DeviceError as error:
             self.failed(error)
+        except FringedError as error:
+            self.failed(DeviceError(f"the rig cannot be put to rest: {error.message}"))
 
     def acquiring(self) -> None:
         """Say that a set is being taken."""

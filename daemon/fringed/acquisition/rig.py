@@ -99,7 +99,7 @@ class Device:
         self._tried = True
         try:
             with self.guarded("open"):
-                self.identity = self._device.open()
+                self.identity = self._opened()
         except DeviceError as error:
             changed = error.message != reason
             self.state, self.detail = "ABSENT" if isinstance(error, DeviceAbsent) else "FAULT", error.message
@@ -109,6 +109,15 @@ class Device:
             raise
         self._tried = False
         self.go("IDLE")
+
+    def _opened(self) -> str:
+        """Open it; a driver that refuses its options or files is a device that cannot be had."""
+        try:
+            return self._device.open()
+        except DeviceError:
+            raise
+        except FringedError as error:
+            raise DeviceError(f"the {self.which}'s driver {self.driver!r} does not open: {error.message}") from error
 
     def fail(self, error: DeviceError) -> None:
         """Take note that it failed, and close it, so that it can be opened afresh."""

@@ -10,13 +10,13 @@ import logging
 import threading
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
 from fringed.acquisition.calibrating import LatencyCalibration
 from fringed.acquisition.latency import LatencyResult
-from fringed.acquisition.listener import AcquisitionRequest, Listener, OpenSet, small_picture
+from fringed.acquisition.listener import AcquisitionRequest, LatencyRequest, Listener, OpenSet, small_picture
 from fringed.acquisition.port import RigPort
 from fringed.acquisition.rig import Rig, Station
 from fringed.acquisition.sampling import full_scale
@@ -25,19 +25,13 @@ from fringed.acquisition.taking import Attempt, Taken, Wanted
 from fringed.config import AcquisitionConfig, CheckConfig
 from fringed.data import Array, CameraSettings
 from fringed.errors import AcquisitionError, Cancelled, DeviceError, FringedError, QualityError
-from fringed.messages import DeviceState, Event, Preview
+from fringed.messages import Event, Preview
 
 log = logging.getLogger(__name__)
 TICK_S = 0.1
 
 
-@dataclass(frozen=True)
-class _Calibrate:
-    scan: str
-    settings: CameraSettings
-
-
-Job = AcquisitionRequest | _Calibrate
+Job = AcquisitionRequest | LatencyRequest
 
 
 class AcquisitionRunner:
@@ -77,7 +71,7 @@ class AcquisitionRunner:
 
     def calibrate_latency(self, scan: str, settings: CameraSettings) -> None:
         """Queue a measurement of the delay from flip to light; told as the event latency.measured."""
-        self._queue(_Calibrate(scan, settings))
+        self._queue(LatencyRequest(scan, settings))
 
     def cancel(self, scan: str) -> None:
         """Stop a scan that is queued or running; harmless for any other."""
@@ -102,11 +96,6 @@ class AcquisitionRunner:
         return not self._thread.is_alive()
 
     @property
-    def device_states(self) -> tuple[DeviceState, DeviceState]:
-        """The camera's and the projector's."""
-        return self._port.camera.snapshot(), self._port.projector.snapshot()
-
-    @property
     def latency(self) -> LatencyResult | None:
         """The delay that was measured last."""
         return self._latency
@@ -124,12 +113,21 @@ class AcquisitionRunner:
         try:
             while (job := self._next_job()) is not None:
                 self._do(job)
-            while self._jobs:
-                self._tell_failed(self._jobs.popleft().scan, Cancelled("the station is stopping"))
+            self._refuse_all(Cancelled("the station is stopping"))
             self._port.close()
-        except Exception:
+        except Exception as error:
             log.exception("the acquisition thread ended")
-            raise
+            self._refuse_all(AcquisitionError(f"the acquisition ended by a mistake ({error!r}); restart the station"))
+
+    def _refuse_all(self, error: FringedError) -> None:
+        """Fail what is under way or waits, and take nothing any more."""
+        with self._changed:
+            self._stopping = True
+            jobs = [job for job in (self._current, *self._jobs) if job is not None]
+            self._current = None
+            self._jobs.clear()
+        for job in jobs:
+            self._tell_failed(job.scan, error)
 
     def _next_job(self) -> Job | None:
         """Wait for work, opening devices meanwhile; None when it is time to stop."""
@@ -157,7 +155,7 @@ class AcquisitionRunner:
     def _do(self, job: Job) -> None:
         doubt = ""
         try:
-            if isinstance(job, _Calibrate):
+            if isinstance(job, LatencyRequest):
                 self._retried(job.scan, "latency", lambda _: self._measure_latency(job.settings))
             else:
                 self._acquire(job)
@@ -234,7 +232,12 @@ class AcquisitionRunner:
         def on_frame(number: int, image: Array) -> None:
             self._frame_kept(request, index, number, image, settings)
 
-        taken = Attempt(self._port, wanted, self._checks, self._open_set, on_frame).take(self._station)
+        attempt = Attempt(self._port, wanted, self._checks, self._open_set, on_frame)
+        try:
+            taken = attempt.take(self._station)
+        finally:
+            if attempt.discarded:
+                self._listener.discarded(attempt.discarded)
         self._port.camera.go("ARMED")
         return taken
 

@@ -62,7 +62,10 @@ class Taken:
 
 
 class Attempt:
-    """One attempt at one set; `on_frame(index, image)` hears of each frame that is kept."""
+    """One attempt at one set; `on_frame(index, image)` hears of each frame that is kept.
+
+    `discarded` counts the frames that came and were of no use.
+    """
 
     def __init__(
         self,
@@ -76,6 +79,7 @@ class Attempt:
         self._count = len(wanted.sequence.frames)
         self._check = SetCheck(wanted.sequence, wanted.settings, checks)
         self._sequencer = Sequencer(self._count, wanted.timing)
+        self.discarded = 0
         self._id = new_id()
         self._stamps: list[FrameStamp] = []
         self._frames: Array | None = None
@@ -110,6 +114,7 @@ class Attempt:
         actions = self._sequencer.start()
         while not self._sequencer.done:
             *before, action = actions
+            self.discarded += sum(isinstance(a, Discard) for a in before)
             keep = next((a for a in before if isinstance(a, Keep)), None)
             kept = self._last
             if keep is not None and not isinstance(action, Show):
@@ -122,6 +127,7 @@ class Attempt:
 
     def _end(self, actions: tuple[Action, ...]) -> None:
         for action in actions:
+            self.discarded += isinstance(action, Discard)
             if isinstance(action, Keep):
                 self._keep(action, self._last)
             elif isinstance(action, Failed):

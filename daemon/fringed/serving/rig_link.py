@@ -119,6 +119,10 @@ class RigListener:
         )
         self._post(self._scans.set_acquired, acquired)
 
+    def discarded(self, count: int) -> None:
+        """Count frames that came and were of no use."""
+        self._post(self._scans.frames_discarded, count)
+
     def truth(self, truth: Truth) -> None:
         """Take what the simulated rig knows of a set."""
         self._post(self._scans.truth_known, truth)

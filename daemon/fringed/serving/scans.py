@@ -9,7 +9,7 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from fringed.data import FrameSet, Truth
+from fringed.data import Truth
 from fringed.errors import FringedError
 from fringed.messages import Event, ScanState
 from fringed.serving.flow import Flow
@@ -94,12 +94,15 @@ class Scans:
     def set_acquired(self, acquired: AcquiredSet) -> None:
         """Count and pass on a good set."""
         self._house.counters["sets_taken"] += 1
-        self._house.counters["frames_discarded"] += _discarded(acquired.frame_set)
         flow = self._flows.get(acquired.frame_set.scan)
         if flow is None:
             acquired.discard()
         else:
             flow.set_acquired(acquired)
+
+    def frames_discarded(self, count: int) -> None:
+        """Count frames that came and were of no use."""
+        self._house.counters["frames_discarded"] += count
 
     def set_retaken(self, scan: str) -> None:
         """Count that a set failed its check, or could not be taken, and is taken again."""
@@ -148,12 +151,3 @@ class Scans:
         state = flow.record.snapshot()
         self._house.reactor.post(flow.start)  # its answer leaves first: "queued"
         return state
-
-
-def _discarded(frame_set: FrameSet) -> int:
-    """Return how many frames the camera delivered between those that were kept."""
-    if not frame_set.stamps:
-        return 0
-    counters = [stamp.counter for stamp in frame_set.stamps]
-    skipped = frame_set.check.counters_skipped if frame_set.check else 0
-    return max(0, counters[-1] - counters[0] + 1 - len(counters) - skipped)

@@ -19,6 +19,7 @@ from fringed.errors import (
     DeviceStalled,
     QualityError,
     StorageError,
+    UsageError,
 )
 
 SETTINGS = CameraSettings(exposure_us=8000.0)
@@ -50,6 +51,7 @@ class Bench:
         self.full_disk = False
         self.sinks, self.states, self.previews, self.sets, self.events, self.truths = [], [], [], [], [], []
         self.fractions, self.ended, self.arrived = [], {}, threading.Condition()
+        self.unused = 0
         rig = Rig(self.fake.camera, self.fake.projector, "fake", "fake", truth)
         self.runner = AcquisitionRunner(
             rig, Station("rig-1", "c0ffee", "fringed 1"), self, self.open_set, AcquisitionConfig(**{**KNOWN, **config}),
@@ -80,6 +82,9 @@ class Bench:
         assert time.monotonic() - delivered_s < 60
         self.sets.append((frame_set, sink))
         sink.commit(frame_set)
+
+    def discarded(self, count):
+        self.unused += count
 
     def truth(self, truth):
         self.truths.append(truth)
@@ -334,6 +339,85 @@ def test_new_configuration_holds_from_the_next_set():
         bench.fake.order("blended", 12)
         assert isinstance(bench.scan(), QualityError)
         assert not bench.events
+
+
+@pytest.mark.parametrize("fault", ["", "blended"])
+def test_frames_that_come_too_early_are_counted_whether_the_set_is_good_or_not(fault):
+    with Bench(retries=0) as bench:
+        read, calls = bench.fake.camera.read, itertools.count(1)
+
+        def counted(timeout_s):
+            next(calls)
+            return read(timeout_s)
+
+        bench.fake.camera.read = counted
+        if fault:
+            bench.fake.order(fault, 2)  # the first one strikes a frame that is of no use anyway
+        assert isinstance(bench.scan(), QualityError) == bool(fault)
+        assert bench.unused == next(calls) - 1 - 12 > 0
+
+
+def test_projector_that_fails_leaves_no_camera_armed_behind():
+    with Bench(retries=1) as bench:
+        camera, show, calls = bench.fake.camera, bench.fake.projector.show, itertools.count()
+        arm, armed_twice = camera.arm, []
+
+        def arm_once(settings):
+            armed_twice.append(camera.settings is not None)
+            return arm(settings)
+
+        def fail_once(index):
+            if next(calls) == 3:
+                raise DeviceError("the lamp went out")
+            return show(index)
+
+        camera.arm, bench.fake.projector.show = arm_once, fail_once
+        assert bench.scan() is None
+        assert not any(armed_twice)
+        wait_for(lambda: camera.settings is None)
+
+
+@pytest.mark.parametrize("error", [UsageError("no such option"), StorageError("no such file")])
+def test_driver_that_refuses_to_open_is_a_device_that_is_not_there(error):
+    with Bench(retries=0) as bench:
+
+        def refuse():
+            raise error
+
+        opened, bench.fake.camera.open = bench.fake.camera.open, refuse
+        failed = bench.scan()
+        assert isinstance(failed, DeviceError) and error.message in failed.message
+        bench.fake.camera.open = opened
+        assert bench.scan("next") is None
+
+
+def test_rig_that_cannot_be_put_to_rest_is_opened_afresh():
+    with Bench(retries=0) as bench:
+        idle, calls = bench.fake.projector.idle, itertools.count()
+
+        def refuse_to_rest():
+            if next(calls) == 1:
+                raise UsageError("not now")
+            idle()
+
+        bench.fake.projector.idle = refuse_to_rest
+        assert bench.scan() is None
+        assert bench.scan("next") is None
+        assert bench.fake.opened["projector"] == 2
+
+
+def test_mistake_in_the_thread_fails_what_waits_instead_of_leaving_it_for_ever():
+    with Bench() as bench:
+
+        def broken(scan):
+            raise ZeroDivisionError("a bug of ours")
+
+        bench.finished = broken
+        bench.failed, failed = broken, bench.failed
+        bench.runner._tell_failed = lambda scan, error: failed(scan, error) if "mistake" in error.message else broken(0)
+        assert "mistake" in bench.scan().message
+        with pytest.raises(AcquisitionError):
+            bench.scan("next")
 
 
 def test_only_one_thread_touches_the_devices():
