@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from zmq.utils.garbage import gc
 
 # Pools of kernels and of zmq live as long as the process on purpose.
 LONG_LIVED_THREADS = ("rows", "kernels", "warm", "pytest", "MainThread", "ThreadPoolExecutor", "asyncio_")
@@ -33,6 +34,13 @@ def _alive(pid: int) -> bool:
         return ") Z" not in Path(f"/proc/{pid}/stat").read_text()
     except OSError:
         return False
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _collector() -> None:
+    """Start the thread in which pyzmq frees zero-copy buffers: it lives as long as the process, and is no leak."""
+    if not gc.is_alive():
+        gc.start()
 
 
 @pytest.fixture(autouse=True)

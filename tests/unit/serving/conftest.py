@@ -1,17 +1,11 @@
-"""pyzmq frees zero-copy buffers in a thread of its own, which lives as long as the process."""
+"""A context that closes its sockets, and a reactor."""
 
 from collections.abc import Iterator
 
 import pytest
 import zmq
-from zmq.utils.garbage import gc
 
 from fringed.serving.reactor import Reactor
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _collector() -> None:
-    gc.start()
 
 
 @pytest.fixture
