@@ -17,7 +17,7 @@ from fringed.errors import FringedError
 from fringed_client import Station
 
 KILLS = 30
-SMALL = SIMULATED + "[simulation.sensor]\nwidth_px = 696\nheight_px = 520\n"
+SMALL = SIMULATED + "[simulation.sensor]\nwidth_px = 696\nheight_px = 520\n[acquisition]\nlatency_s = 0.045\n"
 
 
 def announced_until_killed(ids: set[str], ready: threading.Event) -> None:
