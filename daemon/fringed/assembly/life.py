@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import zmq
 
 from fringed import logs
@@ -25,7 +26,7 @@ from fringed.recording import Recorder, Store
 from fringed.sdnotify import Notifier
 from fringed.serving.house import House
 from fringed.serving.records import iso_now
-from fringed.serving.reload import changes
+from fringed.serving.reload import AT_ONCE, CAMERA_AT_ONCE, changes
 from fringed.serving.runtime import RuntimeLock
 from fringed.serving.scans import Scans
 from fringed.serving.sockets import Sockets
@@ -89,6 +90,7 @@ class RunningStation:
             parts.work.attach(reactor)
             parts.status.start()
             reactor.every(0.25, parts.status.watch)
+            reactor.every(1.0, parts.scans.sweep)
             reactor.every(1.0, QuarantineKeeper(parts.house, parts.dispatcher.quarantine, parts.store))
             reactor.every(INTERVAL_S, Trimmer(lambda: bool(parts.house.records.running)))
             if self._notifier.watchdog_s:
@@ -182,9 +184,5 @@ class RunningStation:
 
 def _kept(old: StationConfig, new: StationConfig) -> StationConfig:
     """Return the new configuration with what needs a restart as it was."""
-    import msgspec
-
-    from fringed.serving.reload import AT_ONCE, CAMERA_AT_ONCE
-
     camera = msgspec.structs.replace(old.camera, **{name: getattr(new.camera, name) for name in CAMERA_AT_ONCE})
     return msgspec.structs.replace(old, camera=camera, **{name: getattr(new, name) for name in AT_ONCE})

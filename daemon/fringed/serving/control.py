@@ -98,7 +98,7 @@ class Control:
 
     def _answer(self, identity: bytes, request_id: str, result: Any, error: ErrorInfo | None) -> None:
         try:
-            encoded = wire.prepare(Reply(request_id, result, error))
+            encoded = result if isinstance(result, wire.Encoded) else wire.prepare(Reply(request_id, result, error))
         except WireError as problem:
             encoded = wire.prepare(Reply(request_id, None, error_info(problem)))
         if error is not None:

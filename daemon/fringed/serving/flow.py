@@ -32,16 +32,16 @@ class Flow(ABC):
 
     def cancel(self) -> None:
         """Stop, as asked."""
-        if self.job is not None:
-            self.job.cancel()
         self.end(ErrorInfo("Cancelled", "cancelled, as asked"))
 
     def end(self, error: ErrorInfo | None) -> None:
-        """End the record, well or not; the first end counts."""
+        """End the record, well or not; the first end counts. With an error, a job that still runs is stopped."""
         if error is None:
             self.house.records.change(self.record, "done", 1.0, "done")
-        else:
-            self.house.records.fail(self.record, error)
+            return
+        if self.job is not None:
+            self.job.cancel()
+        self.house.records.fail(self.record, error)
 
     def fail(self, error: FringedError) -> None:
         """End it with an exception."""

@@ -15,7 +15,7 @@ from typing import Any
 from fringed import wire
 from fringed.config import StationConfig
 from fringed.data import Calibration
-from fringed.errors import FringedError, StorageError
+from fringed.errors import Cancelled, FringedError, StorageError
 from fringed.serving import ports
 from fringed.serving.reactor import Reactor
 from fringed.serving.records import Records
@@ -94,7 +94,7 @@ class House:
 
     def _save(self, product: Any, wanted: Callable[[], bool]) -> wire.Encoded:
         if not wanted():
-            raise StorageError("not recorded: what it belongs to has failed or was cancelled meanwhile")
+            raise Cancelled("not recorded: what it belongs to has failed or was cancelled meanwhile")
         encoded = wire.prepare(product)
         self.store.save(product, encoded=encoded)
         return encoded

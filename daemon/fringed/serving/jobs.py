@@ -96,8 +96,8 @@ class JobRun:
     def _unrecorded(self, error: FringedError) -> None:
         self._recording -= 1
         if not self._ended:
+            self._end(error_info(error))  # first: a job that waits for its retry is told at once to be cancelled
             self._house.jobs.cancel(self.job)
-            self._end(error_info(error))
 
     def _done(self, done: JobDone) -> None:
         self._record.timings_s["job"] = round(done.seconds, 6)

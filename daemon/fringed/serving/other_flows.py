@@ -23,6 +23,7 @@ from fringed.serving.verbs_records import given
 
 _log = logging.getLogger(__name__)
 _PACE_S = 0.001
+_AT_ONCE = 64  # announcements before others have their turn; without a subscriber nothing else would stop them
 
 
 class ProcessFlow(Flow):
@@ -74,7 +75,9 @@ class LatencyFlow(Flow):
         self._rig = rig
 
     def start(self) -> None:
-        """Queue the measurement."""
+        """Queue the measurement, unless it was cancelled before it began."""
+        if self.record.finished:
+            return
         self.house.records.change(self.record, "acquiring", 0.0, "measuring the display-to-camera delay")
         try:
             self._rig.calibrate_latency(self.record.id)
@@ -128,9 +131,11 @@ class RepublishFlow(Flow):
         self._next()
 
     def _next(self) -> None:
-        """Announce once when it is time and the socket has room for it, and come back."""
+        """Announce when it is time and the socket has room for it, and come back."""
         now = self.house.reactor.now()
-        while not self.record.finished and now >= self._due_s and self.house.stream.outlet.waiting == 0:
+        for _ in range(_AT_ONCE):
+            if self.record.finished or now < self._due_s or self.house.stream.outlet.waiting:
+                break
             self.house.stream.publish(self._content, encoded=self._encoded)
             self._done += 1
             self._due_s = max(self._due_s + self._interval_s, now - self._interval_s)

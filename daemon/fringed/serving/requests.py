@@ -37,7 +37,7 @@ class Call:
     answered: bool = False
 
     def reply(self, result: Any) -> None:
-        """Answer with a result; only the first answer counts."""
+        """Answer with a result, or with a whole `Reply` that was encoded elsewhere; only the first answer counts."""
         self._finish(result, None)
 
     def fail(self, error: BaseException) -> None:

@@ -57,12 +57,6 @@ class ScanFlow(Flow):
         elif state == "acquiring":
             self._rig.cancel(self.record.id)
 
-    def end(self, error: ErrorInfo | None) -> None:
-        """End; what still runs is stopped."""
-        if error is not None and self.job is not None:
-            self.job.cancel()
-        super().end(error)
-
     def _loaded(self, found: dict[str, Any]) -> None:
         for role, frame_set in found.items():
             if not isinstance(frame_set, FrameSet):

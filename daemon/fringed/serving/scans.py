@@ -74,7 +74,7 @@ class Scans:
                 _log.info("%s stopped: %s", flow.record.id, reason)
 
     def sweep(self) -> None:
-        """Forget the flows of what has ended."""
+        """Forget the flows of what has ended, and with them the sets that they hold."""
         self._flows = {name: flow for name, flow in self._flows.items() if not flow.record.finished}
 
     @property

@@ -14,7 +14,7 @@ import zmq
 
 from fringed.config import TcpConfig
 from fringed.config.paths import endpoint
-from fringed.errors import ConfigurationError, StationBusy
+from fringed.errors import ConfigurationError, FringedError, StationBusy
 from fringed.serving.keys import server_keys
 
 if TYPE_CHECKING:
@@ -79,8 +79,12 @@ class Sockets:
             (self.runtime / name).chmod(0o600)
         if remote is not None:
             self._admit(remote)
-            for name, socket in named.items():
-                self._bind_tcp(name, socket, remote)
+            try:
+                for name, socket in named.items():
+                    self._bind_tcp(name, socket, remote)
+            except FringedError:
+                self._dismiss()
+                raise
 
     def addresses(self, remote: Remote | None, for_remote: bool) -> Mapping[str, str]:
         """Return where stream and work are, as somebody near or far has to call them."""
@@ -97,8 +101,12 @@ class Sockets:
         """Close what this made; the work socket belongs to its owner."""
         self.control.close(linger=300)
         self.stream.close(linger=300)
+        self._dismiss()
+
+    def _dismiss(self) -> None:
         if self._authenticator is not None:
             self._authenticator.stop()
+            self._authenticator = None
 
     def _admit(self, remote: Remote) -> None:
         from zmq.auth.thread import ThreadAuthenticator

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from fringed import __version__, wire
+from fringed.errors import FringedError
 from fringed.messages import DeviceState, StationState
 from fringed.serving.house import House
 from fringed.serving.leases import Leases
@@ -19,6 +20,7 @@ from fringed.serving.reactor import Timer
 from fringed.serving.scans import Scans
 
 HEARTBEAT_S = 1.0
+_DISK_INTERVAL_S = 2.0
 _SOON_S = 0.05  # changes within it are told together
 _PAGE = os.sysconf("SC_PAGE_SIZE")
 _ALWAYS = ("sets_taken", "sets_retaken", "sets_failed", "frames_discarded", "jobs", "recorded")
@@ -50,10 +52,14 @@ class Status:
     _began_s: float = 0.0
     _soon: Timer | None = None
     _last: StationState | None = None
+    _free_bytes: int = 0
+    _measuring: bool = False
 
     def start(self) -> None:
         """Publish from now on."""
         self._began_s = self.house.reactor.now()
+        self._free_bytes = self.house.store.free_bytes()
+        self.house.reactor.every(_DISK_INTERVAL_S, self._measure_disk)
         self.house.reactor.every(HEARTBEAT_S, self._publish)
 
     def device_changed(self, which: str, state: DeviceState) -> None:
@@ -90,9 +96,21 @@ class Status:
             counters=self._counters(),
             memory_mb=memory_mb(),
             data_dir=self.identity.data_dir,
-            free_disk_mb=round(house.store.free_bytes() / 1e6, 1),
+            free_disk_mb=round(self._free_bytes / 1e6, 1),
             config_path=self.identity.config_path,
         )
+
+    def _measure_disk(self) -> None:
+        """Ask the disk in the loader's thread: one that hangs, such as a lost network disk, must not hold the loop."""
+        if not self._measuring:
+            self._measuring = True
+            self.house.in_thread(self.house.loader, self.house.store.free_bytes, self._disk_measured, self._unmeasured)
+
+    def _disk_measured(self, free_bytes: int) -> None:
+        self._free_bytes, self._measuring = free_bytes, False
+
+    def _unmeasured(self, _: FringedError) -> None:
+        self._measuring = False
 
     def _counters(self) -> dict[str, int]:
         house = self.house

@@ -22,6 +22,7 @@ from fringed.serving.reactor import Reactor, Timer
 _log = logging.getLogger(__name__)
 _SMALL_WAITING = 1000
 _AGAIN_S = 1.0
+_BURST = 64  # subscriptions taken before others have their turn
 
 
 @dataclass
@@ -86,7 +87,7 @@ class Stream:
         )
 
     def _receive(self) -> None:
-        while True:
+        for _ in range(_BURST):
             try:
                 parts = self._socket.recv_multipart(zmq.NOBLOCK)
             except zmq.Again:

@@ -5,6 +5,7 @@ Owns these verbs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 from fringed import wire
 from fringed.data import RECORDED, PatternSequence, new_id
 from fringed.errors import RequestTimeout, UsageError
+from fringed.messages import Reply
 from fringed.serving.house import House
 from fringed.serving.records import iso_now
 from fringed.serving.requests import LATER, Call, Verb
@@ -35,7 +37,7 @@ class RecordVerbs:
         if not 0 <= limit <= 100_000:
             raise UsageError(f"list: limit is {limit}; expected 0 to 100000")
         work = partial(self.house.store.list, kind or None, scan or None, limit, before or None)
-        self.house.in_thread(self.house.loader, partial(self._in_time, call, work), call.reply, call.fail)
+        self.house.in_thread(self.house.loader, partial(self._encoded, call, work), call.reply, call.fail)
         return LATER
 
     def _get(self, call: Call) -> Any:
@@ -44,7 +46,7 @@ class RecordVerbs:
         if calibration is not None and call.get("id", str) in {calibration.hash, calibration.id or calibration.hash}:
             return calibration  # the one in force is a configured file, or the simulated rig's own
         work = partial(self.house.store.load, call.get("id", str))
-        self.house.in_thread(self.house.loader, partial(self._in_time, call, work), call.reply, call.fail)
+        self.house.in_thread(self.house.loader, partial(self._encoded, call, work), call.reply, call.fail)
         return LATER
 
     def _import(self, call: Call) -> Any:
@@ -57,13 +59,13 @@ class RecordVerbs:
         self.house.record(content, recorded, call.fail, lambda: True)
         return LATER
 
-    def _in_time(self, call: Call, work: Any) -> Any:
-        """Do not load what nobody waits for any more."""
+    def _encoded(self, call: Call, work: Callable[[], Any]) -> wire.Encoded:
+        """Load and encode the reply in the loader's thread, unless nobody waits for it any more."""
         if self.house.reactor.now() > call.deadline_s:
             raise RequestTimeout(
                 f"{call.request.verb} waited longer than its deadline for the disk; try again, or later"
             )
-        return work()
+        return wire.prepare(Reply(call.request.id, work()))
 
 
 def given(content: Any, software: str) -> Any:

@@ -1,13 +1,14 @@
 """Keys for TCP: private, made by a command, missing ones told with that command; strangers stay outside."""
 
 import stat
+import threading
 
 import pytest
 import zmq
 
 from fringed import wire
 from fringed.config import TcpConfig
-from fringed.errors import ConfigurationError, UsageError
+from fringed.errors import ConfigurationError, StationBusy, UsageError
 from fringed.messages import Request
 from fringed.serving.control import Control
 from fringed.serving.keys import new_keys, server_keys
@@ -100,3 +101,19 @@ def test_over_tcp_only_known_keys_get_in_while_ipc_needs_none(served):
     assert ask(reactor, far, (own.server_public, own.client_public, own.client_secret)) == "far"
     assert ask(reactor, far, (own.server_public, *stranger)) is None
     assert ask(reactor, far) is None
+
+
+def test_a_taken_tcp_port_is_told_and_leaves_no_thread(context, tmp_path):
+    new_keys(tmp_path / "keys", "server")
+    new_keys(tmp_path / "keys", "anna")
+    taken = context.socket(zmq.REP)
+    port = taken.bind_to_random_port("tcp://127.0.0.1")
+    tcp = TcpConfig(
+        bind="127.0.0.1", control_port=port, stream_port=port, work_port=port, keys_dir=str(tmp_path / "keys")
+    )
+    (tmp_path / "run").mkdir(mode=0o700)
+    sockets = Sockets(context, tmp_path / "run", 2)
+    before = threading.active_count()
+    with pytest.raises(StationBusy, match=str(port)):
+        sockets.bind(context.socket(zmq.ROUTER), Remote.of(tcp))
+    assert threading.active_count() == before
