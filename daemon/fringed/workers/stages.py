@@ -11,6 +11,7 @@ Owns what a plug-in may rely on; knows no socket and no process. How the four ki
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from datetime import UTC, datetime
@@ -27,6 +28,8 @@ from fringed.hookspecs import Context, ProjectorTarget
 from fringed.loading import Catalogue
 from fringed.messages import Job, StageCall
 from fringed.workers.resolve import Pool, resolve, type_name
+
+_STATION_ID = re.compile(r"(.+Z-)([0-9a-f]{4})")
 
 
 def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, context: Context) -> Any:
@@ -53,10 +56,23 @@ def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, cont
         raise PluginError(
             f"the {stage.kind} {stage.plugin!r} returned a {type(product).__name__}; it declares {type_name(expected)}"
         )
-    return stamp(product, plugin, params, list(inputs.values()), job)
+    return stamp(product, plugin, params, list(inputs.values()), job, record_id=product_id(job, stage.name))
 
 
-def stamp(product: Any, plugin: Any, params: msgspec.Struct, inputs: list[Any], job: Job) -> Any:
+def product_id(job: Job, stage: str) -> str:
+    """Return the id of a stage's product: in every attempt at the job the same.
+
+    A worker may die between two products of a job. The first one, recorded by then, names the other by the id that
+    the next attempt gives it.
+    """
+    match = _STATION_ID.fullmatch(job.id)
+    if match is None:
+        return new_id()
+    place = 1 + [call.name for call in job.stages].index(stage)
+    return f"{match[1]}{(int(match[2], 16) + place) % 0x10000:04x}"
+
+
+def stamp(product: Any, plugin: Any, params: msgspec.Struct, inputs: list[Any], job: Job, *, record_id: str) -> Any:
     """Return `product` with its id, scan and provenance."""
     plain = msgspec.to_builtins(params)
     if isinstance(product, PatternSequence):
@@ -75,7 +91,7 @@ def stamp(product: Any, plugin: Any, params: msgspec.Struct, inputs: list[Any], 
         simulated=job.simulated or any(_origin(item).simulated for item in used),
         replayed=job.replayed or any(_origin(item).replayed for item in used),
     )
-    changes: dict[str, Any] = {"id": new_id(), "provenance": provenance}
+    changes: dict[str, Any] = {"id": record_id, "provenance": provenance}
     names = {item.name for item in fields(product)}
     if "scan" in names:
         changes["scan"] = job.scan or _first(getattr(item, "scan", "") for item in used)

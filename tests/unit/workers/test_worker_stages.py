@@ -1,5 +1,6 @@
 """One stage: parameters, inputs, output type and provenance."""
 
+from dataclasses import replace
 from typing import Annotated, ClassVar
 
 import msgspec
@@ -17,6 +18,7 @@ from fringed.data import (
     PhaseMap,
     Provenance,
     RangeImage,
+    new_id,
 )
 from fringed.errors import Cancelled, ConfigurationError, DataError, NotFound, PluginError
 from fringed.hookspecs import Params, ProjectorTarget
@@ -30,6 +32,9 @@ from fringed.workers.stages import run_stage
 LENS = Lens(64, 48, np.eye(3), np.zeros(5))
 CALIBRATION = Calibration(LENS, LENS, np.eye(4), "rig-1", "test", tone_curve=np.linspace(0, 1, 256), id="cal")
 SEQUENCE = PatternSequence("toy", 64, 48, (PatternFrame("white"),), (np.zeros((1, 1, 1), np.uint8),))
+
+
+SILENT = (lambda _: None, lambda: False, 1)
 
 
 class Named:
@@ -121,6 +126,20 @@ def frames(**provenance: object) -> FrameSet:
 def run(stage: StageCall, pool: Pool, **job: object) -> object:
     context = JobContext(lambda _: None, lambda: False, 1, ("j", stage.name, 0, 1))
     return run_stage(CATALOGUE, Job("j", (stage,), pool.given, scan="scan-1", **job), stage, pool, context)
+
+
+def test_another_attempt_gives_products_their_ids_again():
+    stages = (StageCall("phase", "processor", "decode"), StageCall("again", "processor", "decode"))
+    pool = Pool({"object": frames()})
+
+    def ids(job: Job) -> list[str]:
+        made = (run_stage(CATALOGUE, job, stage, pool, JobContext(*SILENT, ("j", "", 0, 1))) for stage in stages)
+        return [product.id for product in made]
+
+    first = Job("20260102T030405.678901Z-ffff", stages, pool.given)
+    assert ids(first) == ids(replace(first, attempt=2))
+    assert ids(first) == ["20260102T030405.678901Z-0000", "20260102T030405.678901Z-0001"]
+    assert not set(ids(first)) & set(ids(replace(first, id=new_id())))
 
 
 def test_product_carries_its_provenance():
