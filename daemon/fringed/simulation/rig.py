@@ -92,10 +92,7 @@ class SimulatedRig:
         ConfigurationError, DataError
             the scene cannot be; the old one stays.
         """
-        scene = self._built(config, mesh)
-        with self._lock:
-            self._scene = scene
-            self._geometries.clear()
+        self._scene = self._built(config, mesh)  # without the lock: who holds it may be tracing, or compiling, for long
 
     def _built(self, config: SceneConfig, mesh: Mesh | None) -> Scene:
         return build_scene(config, self.config.geometry.working_distance_mm, mesh)
@@ -108,16 +105,18 @@ class SimulatedRig:
     def truth(self) -> Truth:
         """Return what every pixel sees, for the role of the last set; a moving object stands where the set began."""
         with self._lock:
-            geometry = self._geometry(self._set_start_s)
-            scene = {**msgspec.to_builtins(self._scene.config), "role": self._role}
-        return truth_of(self.config, geometry, scene)
+            scene = self._scene
+            geometry = self._geometry(scene, self._set_start_s)
+            about = {**msgspec.to_builtins(scene.config), "role": self._role}
+        return truth_of(self.config, geometry, about)
 
-    def _geometry(self, time_s: float) -> Geometry:
-        scene = self._scene
+    def _geometry(self, scene: Scene, time_s: float) -> Geometry:
+        for stale in [key for key in self._geometries if key[0] is not scene]:
+            del self._geometries[stale]
         moved = np.zeros(3)
         if scene.moves and self._role != REFERENCE:
             moved = np.array(scene.config.velocity_mm_s) * (time_s - self._set_start_s)
-        key = (self._role == REFERENCE, *moved)
+        key = (scene, self._role == REFERENCE, *moved)
         if key not in self._geometries:
             self._geometries[key] = self._traced(scene, moved)
             return_memory()
@@ -177,7 +176,7 @@ class SimulatedRig:
             shares = [((1 - old) * share, picture) for share, picture in shares]
             shares.append((old, self.display.previous()))
         with self._lock:
-            geometry = self._geometry((start_s + end_s) / 2)
+            geometry = self._geometry(self._scene, (start_s + end_s) / 2)
             electrons = self._electrons(geometry, shares, (start_s, end_s), settings)
             if torn:
                 old_light = self._electrons(geometry, [(1.0, self.display.previous())], (start_s, end_s), settings)
@@ -218,7 +217,7 @@ class SimulatedRig:
         """Compute now what the first frame would wait for: compiled kernels, fixed pattern, geometry."""
         with self._lock:
             settings = self.sensor.in_force(CameraSettings(channel="green"))
-            geometry = self._geometry(self.clock.now())
+            geometry = self._geometry(self._scene, self.clock.now())
             electrons = self._electrons(geometry, [(1.0, self._idle)], (0.0, 1e-3), settings)
         self.sensor.digitise(electrons, settings, 0)
         del electrons

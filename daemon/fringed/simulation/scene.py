@@ -23,9 +23,9 @@ REFERENCE = "reference"
 _OBJECT_AXES = np.diag([1.0, -1.0, -1.0])  # an object's y is up and its z comes towards the camera
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene as it was configured; its object is made when it is first looked at."""
+    """A scene as it was configured, equal to itself only; its object is made when it is first looked at."""
 
     config: SceneConfig
     working_distance_mm: float

@@ -200,6 +200,18 @@ def test_a_scene_that_cannot_be_leaves_the_old_one():
         rig_with(scene={"object": "teapot"})
 
 
+def test_another_scene_does_not_wait_for_whoever_traces_the_old_one():
+    rig = rig_with()
+    setting = threading.Thread(target=rig.set_scene, args=(SceneConfig(object="sphere"),))
+    with rig._lock:  # a cold start compiles and traces under it
+        setting.start()
+        setting.join(10.0)
+        waited = setting.is_alive()
+    setting.join()
+    assert not waited
+    assert rig.truth().scene["object"] == "sphere"
+
+
 def test_patterns_for_another_projector_are_refused():
     rig = rig_with()
     frames = (PatternFrame("flat"),)
