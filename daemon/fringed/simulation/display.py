@@ -24,6 +24,17 @@ class Picture:
     pattern: Array
 
 
+@dataclass(eq=False)
+class _Switch:
+    """One change of the picture: when its light comes, when it is told to come, and to have settled."""
+
+    light_s: float
+    told_s: float
+    settled_s: float
+    picture: Picture
+    seen: bool = False  # a frame of it was delivered, or it is of no interest
+
+
 class Display:
     """A panel that is told what to show and shows it a little later."""
 
@@ -34,8 +45,8 @@ class Display:
         self._settle_s = optics.settle_s
         self._tau_s = optics.settle_s / math.log(1000)
         self._lock = threading.Lock()
-        self._switches: list[tuple[float, Picture]] = [(-math.inf, first)]
-        self._settled_s = -math.inf
+        self._first = first
+        self._switches = [_Switch(-math.inf, -math.inf, -math.inf, first, seen=True)]
 
     def show(self, picture: Picture, late_s: float = 0.0) -> float:
         """Hand over a picture, wait for its flip and return the flip's time; light comes `latency_frames` later.
@@ -44,27 +55,41 @@ class Display:
         """
         flip_s = (math.floor(self._clock.now() / self._frame_s + 1e-9) + 1) * self._frame_s
         light_s = flip_s + self._latency_s
+        switch = _Switch(light_s + late_s, light_s, light_s + self._settle_s, picture, seen=picture is self._first)
         with self._lock:
-            kept = [switch for switch in self._switches if switch[0] < light_s + late_s]
-            self._switches = [*kept, (light_s + late_s, picture)][-_KEPT:]
-            self._settled_s = light_s + self._settle_s
+            kept = [old for old in self._switches if old.light_s < switch.light_s]
+            self._switches = [*kept, switch][-_KEPT:]
         self._clock.sleep_until(flip_s)
         return flip_s
 
-    @property
-    def settled_s(self) -> float:
-        """When the last picture is told to be there, settled."""
-        return self._settled_s
+    def is_awaited(self, start_s: float) -> bool:
+        """Tell whether somebody waits for a frame that starts then: its picture is told to have settled.
 
-    def previous(self) -> Picture:
-        """Return the picture before the last one."""
+        Of a picture that another one has followed already, as one that is shown ahead does, only the first frame.
+        """
         with self._lock:
-            return self._switches[max(0, len(self._switches) - 2)][1]
+            at = self._at(start_s)
+            switch = self._switches[at]
+            return start_s >= switch.settled_s and (at == len(self._switches) - 1 or not switch.seen)
+
+    def delivered(self, start_s: float) -> None:
+        """Know that the frame that started then was delivered."""
+        with self._lock:
+            switch = self._switches[self._at(start_s)]
+            switch.seen = switch.seen or start_s >= switch.settled_s
+
+    def previous(self, start_s: float) -> Picture:
+        """Return the picture before the one that is told to be there."""
+        with self._lock:
+            return self._switches[max(0, self._at(start_s) - 1)].picture
+
+    def _at(self, time_s: float) -> int:
+        return max((i for i, switch in enumerate(self._switches) if switch.told_s <= time_s), default=0)
 
     def weights(self, start_s: float, end_s: float) -> list[tuple[float, Picture]]:
         """Return the mean share that each picture has in the light from `start_s` to `end_s`; they add up to 1."""
         with self._lock:
-            switches = list(self._switches)
+            switches = [(switch.light_s, switch.picture) for switch in self._switches]
         now: dict[Picture, float] = {switches[0][1]: 1.0}
         total: dict[Picture, float] = {}
         for (since_s, picture), following in zip(switches, [*switches[1:], (math.inf, None)], strict=True):

@@ -64,19 +64,21 @@ class Readout:
         clock.sleep_until(end_s)
         counter = self._taken()
         image = self._rig.image(start_s, end_s, self._settings, counter)
-        return RawFrame(self._struck(image, start_s), counter, start_s, end_s)
+        frame = RawFrame(self._struck(image, start_s), counter, start_s, end_s)
+        self._rig.display.delivered(start_s)
+        return frame
 
     def _start(self) -> float:
         """Return when the next frame's exposure starts; a dropped one is skipped."""
         rig = self._rig
         if self._settings.trigger != "free-running":
-            if self._triggers and self._triggers[0] >= rig.display.settled_s and rig.faults.strikes("dropped"):
+            if self._triggers and rig.display.is_awaited(self._triggers[0]) and rig.faults.strikes("dropped"):
                 self._next += 1
             return self._triggers[0] if self._triggers else math.inf
         finished = math.floor((rig.clock.now() - self._zero_s - self._exposure_s) / self.period_s)
         self._next = max(self._next, finished - self._buffers + 1)
         start_s = self._zero_s + self._next * self.period_s
-        if start_s >= rig.display.settled_s and rig.faults.strikes("dropped"):
+        if rig.display.is_awaited(start_s) and rig.faults.strikes("dropped"):
             self._next += 1
         return self._zero_s + self._next * self.period_s
 
@@ -91,8 +93,7 @@ class Readout:
     def _struck(self, image: Array, start_s: float) -> Array:
         """Return the image as the transport delivers it: repeated or garbage where that was ordered."""
         faults = self._rig.faults
-        settled = start_s >= self._rig.display.settled_s
-        if settled and self._last_image is not None and faults.strikes("repeated"):
+        if self._rig.display.is_awaited(start_s) and self._last_image is not None and faults.strikes("repeated"):
             return self._last_image
         self._last_image = image
         if faults.strikes("garbage"):

@@ -169,17 +169,18 @@ class SimulatedRig:
     def image(self, start_s: float, end_s: float, settings: CameraSettings, counter: int) -> Array:
         """Return the frame that integrates from `start_s` to `end_s`, with the faults that the light may have."""
         shares = self.display.weights(start_s, end_s)
-        settled = start_s >= self.display.settled_s
-        torn = settled and self.faults.strikes("torn")
-        if settled and self.faults.strikes("blended"):
+        awaited = self.display.is_awaited(start_s)
+        torn = awaited and self.faults.strikes("torn")
+        if awaited and self.faults.strikes("blended"):
             old = self.faults.draw("blended", 0.3, 0.7)
             shares = [((1 - old) * share, picture) for share, picture in shares]
-            shares.append((old, self.display.previous()))
+            shares.append((old, self.display.previous(start_s)))
         with self._lock:
             geometry = self._geometry(self._scene, (start_s + end_s) / 2)
             electrons = self._electrons(geometry, shares, (start_s, end_s), settings)
             if torn:
-                old_light = self._electrons(geometry, [(1.0, self.display.previous())], (start_s, end_s), settings)
+                before = [(1.0, self.display.previous(start_s))]
+                old_light = self._electrons(geometry, before, (start_s, end_s), settings)
                 tear_px = self.faults.draw("torn", 0.4, 0.6) * self.config.projector.height_px
                 electrons = np.where(geometry.row < tear_px, electrons, old_light)
         return self.sensor.digitise(electrons, settings, counter)

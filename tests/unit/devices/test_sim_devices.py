@@ -117,6 +117,18 @@ def test_a_torn_frame_is_new_above_and_old_below(station, clean):
     assert np.count_nonzero(np.diff(column.astype(int))) == 1
 
 
+def test_faults_strike_the_frame_of_a_pattern_that_another_one_was_shown_ahead_of(station, clean):
+    take(station, 0)
+    station.rig.order_fault("blended", 1)
+    station.projector.show(1)
+    station.camera.clock.sleep(SETTLED_S)
+    station.camera.trigger()
+    station.camera.clock.sleep(0.02)
+    station.projector.show(2)
+    share = (middle(station.camera.read(2.0)) - clean[0]) / (clean[1] - clean[0])
+    assert 0.28 < share < 0.72
+
+
 def test_a_dropped_frame_is_missing_in_the_counter(station, clean):
     first = take(station, 0)
     station.rig.order_fault("dropped", 1)

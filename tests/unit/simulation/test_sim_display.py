@@ -38,7 +38,8 @@ def test_light_comes_the_latency_after_the_flip(clock):
     light = flip + 3 / 50
     assert shares(display, flip, light - 1e-9) == {BLACK: pytest.approx(1.0)}
     assert shares(display, light + 1e-9, light + 0.01) == {A: pytest.approx(1.0)}
-    assert display.settled_s == pytest.approx(light)
+    assert display.is_awaited(light + 1e-9)
+    assert not display.is_awaited(light - 1e-6)
 
 
 def test_an_exposure_over_a_switch_blends_both_pictures(clock):
@@ -70,7 +71,8 @@ def test_a_late_picture_is_confirmed_as_if_it_were_not(clock):
     flip = display.show(A, late_s=0.1335)
     assert flip == pytest.approx(1 / 60)
     light = flip + 2 / 60
-    assert display.settled_s == pytest.approx(light)
+    assert display.is_awaited(light + 1e-9)
+    assert not display.is_awaited(light - 1e-6)
     assert shares(display, light, light + 0.1) == {BLACK: pytest.approx(1.0)}
     assert shares(display, light + 0.14, light + 0.15) == {A: pytest.approx(1.0)}
 
@@ -80,4 +82,27 @@ def test_a_later_picture_replaces_one_that_never_came(clock):
     display.show(A, late_s=1.0)
     light = display.show(B) + 2 / 60
     assert shares(display, light + 1.0, light + 2.0) == {B: pytest.approx(1.0)}
-    assert display.previous() is BLACK
+    assert display.previous(light + 1.0) is BLACK
+
+
+def test_the_first_frame_of_a_picture_is_awaited_though_the_next_one_is_shown_ahead(clock):
+    display = display_with(clock, settle_s=0.01)
+    display.show(A)
+    clock.sleep(0.1)
+    exposed = clock.now()
+    clock.sleep(0.01)
+    display.show(B)
+    assert display.is_awaited(exposed) and display.previous(exposed) is BLACK
+    display.delivered(exposed)
+    assert not display.is_awaited(exposed + 0.001)  # a second one, before the next picture's light
+    clock.sleep(0.1)
+    assert display.is_awaited(clock.now()) and display.previous(clock.now()) is A
+
+
+def test_nobody_awaits_a_frame_of_the_idle_picture_before_a_set(clock):
+    display = display_with(clock, settle_s=0.01)
+    display.show(BLACK)
+    clock.sleep(0.1)
+    idle = clock.now()
+    display.show(A)
+    assert not display.is_awaited(idle)
