@@ -83,6 +83,7 @@ class Partial:
             # endless recording would push everything else out of the page cache.
             os.posix_fadvise(self._fd, 0, 0, os.POSIX_FADV_DONTNEED)
             self._part.rename(self.path)
+            self._part = self.path  # where the folder cannot be synced, giving up removes that
             sync_folder(self.path.parent)
             os.close(self._fd)
             self._fd = -1

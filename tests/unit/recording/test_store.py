@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import pickle
@@ -288,6 +289,17 @@ def test_disk_that_fills_up_meanwhile_gives_the_set_up(small_disk: Path) -> None
         store.save(range_image(50, 50))
     writer.abort()
     assert [p.name for p in small_disk.rglob("*") if p.is_file()] == ["somebody-else"]
+
+
+def test_nothing_stays_visible_where_the_folder_cannot_be_synced(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Path) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr("fringed.recording.partial.sync_folder", fail)
+    with pytest.raises(StorageError):
+        store.save(range_image())
+    assert store.list() == []
+    assert not [p for p in store.data_dir.rglob("*") if p.is_file()]
 
 
 def test_unwritable_folder_says_so(tmp_path: Path) -> None:
