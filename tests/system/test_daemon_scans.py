@@ -157,6 +157,18 @@ def test_a_lease_keeps_others_from_moving_the_rig_but_not_from_reading(client, s
         assert client.status().lease is None
 
 
+def test_a_lease_keeps_others_from_stopping_a_scan_but_not_their_own_processing(client, station_daemon):
+    frames = client.request("scan", process=False)
+    frames = done(client, frames).frame_sets["object"]
+    with station_daemon.client() as other, other.lease("other", ttl_s=30.0):
+        mine = client.request("process", pipeline="hierarchical", inputs={"object": frames})
+        assert client.request("cancel", id=mine.id).state == "cancelled"
+        scan = other.request("scan")
+        with pytest.raises(LeaseError, match="held by 'other'"):
+            client.request("cancel", id=scan.id)
+        assert other.request("cancel", id=scan.id).state == "cancelled"
+
+
 def test_a_cancelled_scan_ends_cancelled_and_the_next_one_works(client):
     state = client.request("scan")
     assert client.request("cancel", id=state.id).state == "cancelled"

@@ -6,6 +6,7 @@ Owns the base class; the kinds are in `scan_flow` and `other_flows`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from fringed import wire
 from fringed.data import Truth
@@ -20,6 +21,8 @@ from fringed.serving.requests import error_info
 
 class Flow(ABC):
     """One job's life, from `start` to the end of its record; everything in the reactor's thread."""
+
+    moves_rig: ClassVar[bool] = False  # whether it needs the rig, and so obeys its lease
 
     def __init__(self, house: House, record: Record) -> None:
         self.house = house

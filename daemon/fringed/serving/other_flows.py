@@ -70,6 +70,8 @@ class ProcessFlow(Flow):
 class LatencyFlow(Flow):
     """Measure the delay from display to camera."""
 
+    moves_rig = True
+
     def __init__(self, house: House, record: Record, rig: Rig) -> None:
         super().__init__(house, record)
         self._rig = rig

@@ -65,6 +65,8 @@ class RuntimeLock:
                 f"{who} already serves in {self.folder}; stop it (kill {pid or 'PID'}), "
                 f"or set another FRINGED_RUNTIME_DIR"
             ) from error
+        except StorageError:  # which is an OSError too
+            raise
         except OSError as error:
             raise StorageError(
                 f"the runtime directory {self.folder} cannot be used: {error.strerror or error}; "

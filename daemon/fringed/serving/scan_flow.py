@@ -29,6 +29,8 @@ _ENCODED, _ACQUIRED = 0.05, 0.6  # how far a scan is after its parts
 class ScanFlow(Flow):
     """One scan."""
 
+    moves_rig = True
+
     def __init__(self, house: House, record: Record, plan: Plan, rig: Rig, sequences: Sequences) -> None:
         super().__init__(house, record)
         self._plan = plan

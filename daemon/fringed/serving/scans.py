@@ -66,6 +66,11 @@ class Scans:
             flow.cancel()
         return record.snapshot()
 
+    def moves_rig(self, record_id: str) -> bool:
+        """Tell whether something that runs needs the rig."""
+        flow = self._flows.get(record_id)
+        return flow is not None and flow.moves_rig
+
     def cancel_all(self, reason: str) -> None:
         """Stop everything, because the station stops."""
         for flow in list(self._flows.values()):

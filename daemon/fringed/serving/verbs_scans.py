@@ -70,10 +70,10 @@ class ScanVerbs:
 
     def _cancel(self, call: Call) -> Any:
         call.allow("id")
-        now = self.house.reactor.now()
-        if self.leases.holder_of("rig", now) is not None:  # a lease that is over does not keep anybody from stopping
-            self.leases.check(call.request.lease, now)
-        return self.scans.cancel(call.get("id", str))
+        record_id, now = call.get("id", str), self.house.reactor.now()
+        if self.scans.moves_rig(record_id) and self.leases.holder_of("rig", now) is not None:
+            self.leases.check(call.request.lease, now)  # a lease that is over does not keep anybody from stopping
+        return self.scans.cancel(record_id)
 
     def _latency(self, call: Call) -> Any:
         call.allow()

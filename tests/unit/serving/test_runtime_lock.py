@@ -1,6 +1,7 @@
 """One daemon owns a runtime directory; what a dead one left is removed."""
 
 import os
+import signal
 import stat
 import subprocess
 import sys
@@ -42,7 +43,7 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path):
         "import sys, os; from pathlib import Path; from fringed.serving.runtime import RuntimeLock\n"
         f"RuntimeLock(Path({str(tmp_path)!r})).acquire(); os.kill(os.getpid(), 9)"
     )
-    subprocess.run([sys.executable, "-c", code], check=False)
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == -signal.SIGKILL
     lock = RuntimeLock(tmp_path)
     lock.acquire()
     lock.release()
