@@ -199,6 +199,17 @@ def test_another_scene_is_in_the_next_scan(client):
     client.request("simulate.scene", scene={"object": "sphere"})
 
 
+def test_the_scene_stays_while_a_scan_takes_its_sets(client):
+    client.request("simulate.fault", fault="stall", count=1)
+    state = client.request("scan")
+    while state.state in ("queued", "encoding"):
+        state = client.request("wait", id=state.id, timeout_s=5.0)
+    assert state.state == "acquiring"
+    with pytest.raises(UsageError, match="taking its sets"):
+        client.request("simulate.scene", scene={"object": "plane"})
+    assert done(client, state).state == "done"
+
+
 def test_latency_is_measured(client):
     state = done(client, client.request("latency"))
     assert state.state == "done", state

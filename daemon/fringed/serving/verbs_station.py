@@ -112,6 +112,9 @@ class StationVerbs:
     def _scene(self, call: Call) -> Any:
         call.allow("scene")
         simulator = self._simulated(call)
+        taking = [record.id for record in self.house.records.running if record.state == "acquiring"]
+        if taking:  # its truth would be that of another scene
+            raise UsageError(f"scan {taking[0]} is taking its sets; change the scene once it has, or cancel it")
         simulator.set_scene(call.get("scene", dict), lambda _: call.reply({}), call.fail)
         return LATER
 
