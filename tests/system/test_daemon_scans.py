@@ -203,7 +203,7 @@ def test_the_scene_stays_while_a_scan_takes_its_sets(client):
     client.request("simulate.fault", fault="stall", count=1)
     state = client.request("scan")
     while state.state in ("queued", "encoding"):
-        state = client.request("wait", id=state.id, timeout_s=5.0)
+        state = asked(client, "wait", id=state.id, timeout_s=5.0)
     assert state.state == "acquiring"
     with pytest.raises(UsageError, match="taking its sets"):
         client.request("simulate.scene", scene={"object": "plane"})
