@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 from msgspec import Meta
 
 from fringed import __version__
@@ -112,7 +113,9 @@ class ReferencePlane:
     added the geometry is the full one, not the textbook's h = L dphi / (dphi + 2 pi f0 D), which holds for
     an ideal rig only. The multiple of 2 pi of each region, which spatial unwrapping cannot know, is the
     given one where the reference plane itself is in view (many differences near 0), and otherwise the one
-    that brings the region's median nearest to `expected_depth_mm`.
+    that brings the region's median nearest to `expected_depth_mm`. Where that depth decides, a warning says
+    so if it was left to the default: the whole region may then be off by whole periods of depth. `sigma_mm`
+    is the noise of the phase and does not contain this doubt.
 
     References
     ----------
@@ -145,7 +148,7 @@ class ReferencePlane:
         DataError
             a phase that is no difference, or a calibration without a reference plane or of another rig.
         """
-        from fringed_plugins.calibration.reference import phase_at_depth, plane_depth
+        from fringed_plugins.calibration.reference import period_depth_mm, phase_at_depth, plane_depth
 
         phase, calibration = _inputs(inputs, self.name)
         if phase.kind != "relative":
@@ -161,7 +164,12 @@ class ReferencePlane:
         context.progress(0.4, "reference plane")
         expected = params.expected_depth_mm or _aim_mm(calibration)
         expected_rad = phase_at_depth(camera, axis, fringes, np.full_like(depth, expected), context.threads) - plane_rad
-        shift = _shift_rad(phase, expected_rad.astype(np.float32)) + np.float32(2 * np.pi * params.offset_periods)
+        shift, guessed = _shift_rad(phase, expected_rad.astype(np.float32))
+        if guessed.any():
+            step = period_depth_mm(camera, axis, fringes, expected, guessed)
+            share = np.count_nonzero(guessed) / np.count_nonzero(np.isfinite(phase.phase_rad))
+            _tell_guess(context, params.expected_depth_mm > 0, (expected, step, share))
+        shift += np.float32(2 * np.pi * params.offset_periods)
         absolute = (plane_rad + phase.phase_rad + shift).astype(np.float32)
         context.progress(0.6, "triangulation")
         return _range_image(phase, absolute, calibration, params, context)
@@ -226,8 +234,8 @@ def _aim_mm(calibration: Calibration) -> float:
         raise DataError(f"expected_depth_mm is not given, and {error}") from error
 
 
-def _shift_rad(phase: PhaseMap, expected_rad: Float32Array) -> Float32Array:
-    """Return the multiple of 2 pi to add at each pixel."""
+def _shift_rad(phase: PhaseMap, expected_rad: Float32Array) -> tuple[Float32Array, npt.NDArray[np.bool_]]:
+    """Return the multiple of 2 pi to add at each pixel, and where what is expected decided it."""
     from fringed_plugins.calibration.reference import nearest_orders
     from fringed_plugins.unwrap.regions import connected_regions
 
@@ -235,8 +243,25 @@ def _shift_rad(phase: PhaseMap, expected_rad: Float32Array) -> Float32Array:
     shifts = nearest_orders(phase.phase_rad, regions, expected_rad)
     near_plane = np.bincount(regions[np.abs(phase.phase_rad) < _PLANE_RAD], minlength=len(shifts))
     sizes = np.maximum(np.bincount(regions.ravel(), minlength=len(shifts)), 1)
-    shifts[near_plane > _DEPTH_PLANE_FRACTION * sizes] = 0.0
-    return shifts[regions]
+    on_plane = near_plane > _DEPTH_PLANE_FRACTION * sizes
+    shifts[on_plane] = 0.0
+    return shifts[regions], (regions > 0) & ~on_plane[regions]
+
+
+def _tell_guess(context: Context, given: bool, guess: tuple[float, float, float]) -> None:
+    """Log that a depth decided the period; `guess` is that depth, a period's depth (mm), the share of pixels."""
+    expected, step, share = guess
+    if given:
+        text = f"expected_depth_mm = {expected:g} decides the period of {share:.0%} of the pixels"
+        context.log("info", f"{text}; one period is {step:.1f} mm of depth there")
+        return
+    context.log(
+        "warning",
+        f"the depth of {share:.0%} of the pixels is a guess: the reference plane is not in view there, and "
+        f"expected_depth_mm is not given, so that {expected:.1f} mm, where the rig is aimed, decides; it may be wrong "
+        f"by multiples of {step:.1f} mm, one period. Set expected_depth_mm to the depth of the object's middle, within "
+        f"{step / 2:.1f} mm; or show the plane beside the object, or use several frequencies",
+    )
 
 
 def _range_image(

@@ -35,7 +35,29 @@ def phase_at_depth(
 
     `fringes` is (period_px, initial_rad). Exact for both lenses' distortions.
     """
-    rays = camera_rays(camera, threads).astype(np.float64)
+    return _phase_on_rays(camera_rays(camera, threads).astype(np.float64), axis, fringes, depth_mm)
+
+
+def period_depth_mm(
+    camera: Pinhole, axis: Axis, fringes: tuple[float, float], depth_mm: float, chosen: npt.NDArray[np.bool_]
+) -> float:
+    """Return how much depth (mm) one period stands for around `depth_mm`: the median of the `chosen` pixels.
+
+    It takes one pixel of 64, unless that leaves none. NaN where nothing is chosen.
+    """
+    every = slice(None, None, 8)
+    sparse = np.zeros_like(chosen)
+    sparse[every, every] = chosen[every, every]
+    rays = camera_rays(camera)[:, sparse if sparse.any() else chosen].astype(np.float64)
+    if rays.size == 0:
+        return float("nan")
+    near, far = (_phase_on_rays(rays, axis, fringes, np.asarray(depth_mm * part)) for part in (0.9995, 1.0005))
+    return float(np.median(2 * np.pi * 0.001 * depth_mm / np.abs(far - near)))
+
+
+def _phase_on_rays(
+    rays: Float64Array, axis: Axis, fringes: tuple[float, float], depth_mm: npt.NDArray[Any]
+) -> Float64Array:
     r, t = axis.rotation, axis.translation
     with np.errstate(divide="ignore", invalid="ignore"):
         w = 1 / np.asarray(depth_mm, np.float64)

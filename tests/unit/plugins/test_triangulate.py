@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from fringe_truth import points, projector_pixels, rays, run, small_rig
 
 from fringed.data import Lens, PhaseMap, Reject
 from fringed.errors import DataError
+from fringed.testing import RecordingContext
 from fringed_plugins.calibration.reference import (
     axes_crossing_mm,
     height_from_difference,
@@ -241,6 +243,35 @@ def test_expected_depth_and_offset_choose_the_period():
     assert np.abs(result.xyz_mm - xyz)[result.rejected == 0].max() < 1e-3
     moved = run(ReferencePlane, {"phase": phase, "calibration": calibration}, expected_depth_mm=800.0, offset_periods=1)
     assert np.nanmedian(np.abs(moved.xyz_mm[..., 2] - xyz[..., 2])) > 10
+
+
+def logged(calibration, xyz, **params):
+    context = RecordingContext()
+    inputs = {"phase": difference_map(calibration, xyz), "calibration": calibration}
+    return ReferencePlane().run(inputs, ReferencePlane.Params(**params), context), context.logged
+
+
+def test_guessed_period_is_told_with_its_size_in_depth():
+    calibration = small_rig(plane_mm=1250.0)
+    xyz = points(calibration, relief())
+    result, logs = logged(calibration, xyz)
+    [(level, text)] = logs
+    assert level == "warning" and "Set expected_depth_mm" in text and "100% of the pixels" in text
+    step = float(re.search(r"multiples of ([0-9.]+) mm", text)[1])
+    inputs = {"phase": difference_map(calibration, xyz), "calibration": calibration}
+    moved = [run(ReferencePlane, inputs, offset_periods=n).xyz_mm[..., 2] for n in (-1, 1)]
+    assert step == pytest.approx(abs(np.nanmedian(moved[1] - moved[0])) / 2, rel=0.05)
+    assert np.isfinite(result.xyz_mm).all()
+
+
+def test_period_that_the_user_or_the_plane_decides_is_no_warning():
+    calibration = small_rig(plane_mm=1250.0)
+    _, logs = logged(calibration, points(calibration, relief()), expected_depth_mm=1000.0)
+    assert [level for level, _ in logs] == ["info"]
+    calibration = small_rig(plane_mm=1040.0)
+    y, x = np.mgrid[0:120, 0:160]
+    bump = 1040 - 60 * np.clip(1 - ((x - 80) / 50) ** 2 - ((y - 60) / 40) ** 2, 0, 1)
+    assert logged(calibration, points(calibration, bump))[1] == []
 
 
 def test_reference_plane_needs_a_plane_and_a_difference():
