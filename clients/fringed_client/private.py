@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fringed.config.paths import data_dir
-from fringed.errors import FringedError, NoStation
+from fringed.errors import EXIT_USAGE, ConfigurationError, FringedError, NoStation
 
 if TYPE_CHECKING:
     from fringed_client.station import Station
@@ -77,6 +77,8 @@ class PrivateStation:
 
     Raises
     ------
+    ConfigurationError
+        it refused its configuration; the message is its own.
     NoStation
         it did not start; the message holds the end of its log.
     """
@@ -124,6 +126,8 @@ class PrivateStation:
         deadline = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < deadline:
             if self._process.poll() is not None:
+                if self._process.returncode == EXIT_USAGE:
+                    raise ConfigurationError(self._complaint())
                 raise NoStation(f"the private station ended at once ({self._process.returncode}):\n{self._log_end()}")
             if (self.runtime / "control").exists():
                 with contextlib.suppress(NoStation):  # bound, and not listening yet
@@ -134,6 +138,10 @@ class PrivateStation:
     def _log_end(self, lines: int = 12) -> str:
         text = (self._folder / "log").read_text(errors="replace")
         return "\n".join(text.splitlines()[-lines:])
+
+    def _complaint(self) -> str:
+        """Return what the station says of its configuration, without the lines of its log."""
+        return self._log_end(40)
 
     def stop(self) -> None:
         """End the station and remove its folder; harmless when done. Ctrl-C does not interrupt it."""

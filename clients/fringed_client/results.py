@@ -45,7 +45,8 @@ class ScanResult:
         self._get = fetch
         self._kept: dict[str, Any] = {}
 
-    def _fetch(self, item_id: str) -> Any:
+    def fetch(self, item_id: str) -> Any:
+        """Return a product or frame set by its id, kept from the first time on."""
         if item_id not in self._kept:
             self._kept[item_id] = self._get(item_id)
         return self._kept[item_id]
@@ -63,12 +64,12 @@ class ScanResult:
     @property
     def frame_sets(self) -> Mapping[str, FrameSet]:
         """The frame sets by role."""
-        return Lazy(self.state.frame_sets, self._fetch)
+        return Lazy(self.state.frame_sets, self.fetch)
 
     @property
     def products(self) -> Mapping[str, Any]:
         """Every product by its stage's name."""
-        return Lazy({str(p.get("stage") or p["id"]): str(p["id"]) for p in self.state.products}, self._fetch)
+        return Lazy({str(p.get("stage") or p["id"]): str(p["id"]) for p in self.state.products}, self.fetch)
 
     def last(self, kind: str) -> Any:
         """Return the last product of a type by its name.
@@ -78,7 +79,7 @@ class ScanResult:
         NotFound
             the pipeline makes none.
         """
-        return self._fetch(last_product(self.state, kind))
+        return self.fetch(last_product(self.state, kind))
 
     @property
     def range_image(self) -> RangeImage:

@@ -31,13 +31,16 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
 @common
 def process_command(
     sources: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, timeout: float, **wish: Any
-) -> None:
+) -> int:
     """Run a pipeline on recordings, or on a folder of images that a capture.toml describes.
 
     Ids are given with their roles where a pipeline needs several: reference=ID object=ID.
+    Ends with code 5 where a capture folder keeps less than 0.1 % of its pixels; what there is, is written.
     """
+    from fringed.errors import EXIT_OK, EXIT_QUALITY
     from fringed_client.cli.scanning import report
     from fringed_client.private import any_station
+    from fringed_client.quality import gate
 
     inputs, plan = _inputs(sources, wish["calibration"])
     with any_station(options.station, output.say, config) as station:
@@ -46,26 +49,32 @@ def process_command(
             show = steps.scan("process")
             params = wish["params"] or None
             result = station.process(inputs, **asked, params=params, on_progress=show, timeout_s=timeout)
-        report(station, result, folder, options)
+        quality = report(station, result, folder, options)
+    if plan is None or gate(quality):
+        return EXIT_OK
+    output.say("hardly any pixel is left: check capture.toml (order, periods, steps, shifts) and the light")
+    return EXIT_QUALITY
 
 
 def _inputs(sources: tuple[str, ...], calibration: str | None) -> tuple[dict[str, Any], dict[str, Any] | None]:
     """Return the job's inputs, and how a capture folder wants to be processed."""
     from fringed.errors import UsageError
     from fringed_client.calibration_file import load_calibration
-    from fringed_client.capture import pipeline_of
+    from fringed_client.capture import DESCRIPTION, pipeline_of
     from fringed_client.capture_images import load_capture
 
     inputs: dict[str, Any] = {}
     plan = None
     if calibration:
-        inputs["calibration"] = calibration if ID.match(calibration) else load_calibration(Path(calibration))
+        known = ID.match(calibration)
+        inputs["calibration"] = calibration if known else load_calibration(_there(Path(calibration), "--calibration"))
     for source in sources:
         if Path(source).is_dir():
             described, sets = load_capture(Path(source))
             own = described.capture.calibration
             if own and not calibration:
-                inputs["calibration"] = load_calibration(Path(source) / own)
+                named_by = f"capture.calibration in {Path(source) / DESCRIPTION}"
+                inputs["calibration"] = load_calibration(_there(Path(source) / own, named_by))
             plan = pipeline_of(described, "calibration" in inputs)
             inputs |= sets
             continue
@@ -76,17 +85,41 @@ def _inputs(sources: tuple[str, ...], calibration: str | None) -> tuple[dict[str
     return inputs, plan
 
 
+def _there(path: Path, named_by: str) -> Path:
+    from fringed.errors import UsageError
+
+    if not path.is_file():
+        raise UsageError(f"{named_by}: there is no file {path}; name a calibration .json or .h5, or leave it out")
+    return path
+
+
 def _plan(
     station: Station, inputs: Mapping[str, Any], plan: dict[str, Any] | None, pipeline: str | None
 ) -> dict[str, Any]:
     """Return which pipeline or stages to run: as asked, as the capture wants, or as the sets' family needs."""
+    if plan is not None:
+        chosen = {"pipeline": pipeline} if pipeline else plan
+        _check_roles(station, inputs, chosen.get("pipeline"))
+        return chosen
     if pipeline:
         return {"pipeline": pipeline}
-    if plan is not None:
-        return plan
     if "reference" in inputs:
         return {"pipeline": "thesis"}
     return {}
+
+
+def _check_roles(station: Station, inputs: Mapping[str, Any], pipeline: str | None) -> None:
+    """Refuse a capture folder that lacks a set of the pipeline before anything is queued."""
+    from fringed.errors import UsageError
+
+    roles = station.config()["pipelines"].get(pipeline, {}).get("roles", []) if pipeline else []
+    missing = [role for role in roles if role not in inputs]
+    if missing:
+        given = ", ".join(name for name in inputs if name != "calibration") or "none"
+        raise UsageError(
+            f"the pipeline {pipeline!r} needs the sets {', '.join(roles)}; the capture folder has {given}: "
+            f"add {', '.join(missing)} to [sets], or choose another --pipeline"
+        )
 
 
 @click.command("simulate")
@@ -164,10 +197,11 @@ def _write(station: Station, result: ScanResult, folder: Path) -> list[Path]:
 @click.option("--processor", help="Another variant than `merge` or `register`.")
 @click.option("--param", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the processor.")
 @click.option("--output", "-o", "folder", type=_FOLDER, help="Write what was made.")
+@click.option("--timeout", default=300.0, show_default=True, type=click.FloatRange(min=1), help="Seconds.")
 @_CONFIG
 @common
 def register_command(
-    views: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, **wish: Any
+    views: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, timeout: float, **wish: Any
 ) -> None:
     """Bring range images together; the first one is the reference.
 
@@ -181,6 +215,7 @@ def register_command(
     with any_station(options.station, output.say, config) as station:
         with output.steps() as steps:
             result = station.register(
-                given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register")
+                given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register"),
+                timeout_s=timeout,
             )
         report(station, result, folder, options)

@@ -47,7 +47,7 @@ def scan_command(folder: Path | None, yes: bool, timeout: float, options: Option
             _prompt(station, asked)
         with output.steps() as steps:
             result = station.scan(**asked, on_progress=steps.scan("scan"), timeout_s=timeout)
-        report(station, result, folder, options)
+        report(station, result, folder, options, taken=True)
 
 
 def _asked(wish: dict[str, Any]) -> dict[str, Any]:
@@ -76,26 +76,48 @@ def _prompt(station: Station, asked: dict[str, Any]) -> None:
         asked["roles"] = [taken[-1]]
 
 
-def report(station: Station, result: ScanResult, folder: Path | None, options: Options) -> None:
-    """Tell what a scan or job has brought, and write it where a folder is given."""
+def report(
+    station: Station, result: ScanResult, folder: Path | None, options: Options, taken: bool = False
+) -> list[dict[str, Any]]:
+    """Tell what a scan or job has brought and how good it is, and write it where a folder is given.
+
+    Returns the figures of `quality.quality_of`. With `taken` the sets' own checks are told too.
+    """
+    from fringed_client.quality import quality_of, warnings_of
     from fringed_client.saving import save_result
 
     files = save_result(station, result, folder) if folder is not None else []
+    quality = quality_of(result)
+    warnings = warnings_of(quality, result.frame_sets if taken else {})
+    for text in warnings:
+        output.say(f"warning: {text}")
     if options.json:
-        output.emit({"scan": result.state, "files": [str(path) for path in files]})
-        return
+        output.emit(
+            {"scan": result.state, "quality": quality, "warnings": warnings, "files": [str(path) for path in files]}
+        )
+    else:
+        output.facts(_rows(station, result, quality, files))
+    return quality
+
+
+def _rows(station: Station, result: ScanResult, quality: list[dict[str, Any]], files: list[Path]) -> dict[str, Any]:
+    from fringed_client.quality import lines
+
     state = result.state
+    told = {row["id"]: lines(row) for row in quality}
     simulated = station.hello.get("simulated") or any(row["simulated"] for row in station.list(scan=state.id))
     mark = "  SIMULATED" if simulated else ""
     rows: dict[str, Any] = {state.pipeline or "job": f"{state.id} {state.state}{mark}"}
     rows |= {f"set {role}": set_id for role, set_id in state.frame_sets.items()}
-    rows |= {str(p.get("stage") or p.get("role") or p["kind"]): f"{p['kind']} {p['id']}" for p in state.products}
+    for product in state.products:
+        name = str(product.get("stage") or product.get("role") or product["kind"])
+        rows[name] = "\n".join((f"{product['kind']} {product['id']}", *told.get(product["id"], ())))
     if state.retakes:
         rows["retaken"] = f"{state.retakes} sets"
     rows["seconds"] = ", ".join(f"{name} {seconds:.3f}" for name, seconds in state.timings_s.items())
     if files:
         rows["files"] = "\n".join(str(path) for path in files)
-    output.facts(rows)
+    return rows
 
 
 @click.command("latency")

@@ -94,7 +94,7 @@ def follow(
             if left_s <= 0:
                 raise RequestTimeout(
                     f"{state.id} is {state.state} ({state.progress:.0%}) after {timeout_s:g} s and was cancelled; "
-                    "allow it more time with timeout_s"
+                    "allow it a longer timeout (--timeout on the command line)"
                 )
             state = yield _wait(state, min(WAIT_SLICE_S, left_s))
     except (KeyboardInterrupt, asyncio.CancelledError, GeneratorExit, RequestTimeout) as error:
