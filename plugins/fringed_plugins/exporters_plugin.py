@@ -6,7 +6,7 @@ Owns which product becomes which geometry; the bytes are written by `mesh`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -87,7 +87,8 @@ class PcdExporter:
         if not (organised and isinstance(product, RangeImage)):
             return binary.pcd(points)
         height, width = product.rejected.shape
-        return binary.pcd(Geometry(product.xyz_mm.reshape(-1, 3), None, product.intensity.ravel()), (width, height))
+        grid = replace(points, vertices=product.xyz_mm.reshape(-1, 3), intensity=product.intensity.ravel())
+        return binary.pcd(grid, (width, height))
 
 
 class XyzExporter:
@@ -119,6 +120,11 @@ class StlExporter:
 
     def export(self, product: Any, params: MeshedParams) -> bytes:
         """Return the file; raise DataError when there are no triangles."""
+        if isinstance(product, Model) and (product.faces is None or len(product.faces) == 0):
+            raise DataError(
+                "stl: a Model without faces has no triangles, and STL holds nothing else; export the model as ply, pcd "
+                "or xyz, or give one of its views, a RangeImage, which is joined along its grid"
+            )
         return _written(self, product, lambda: binary.stl(geometry(product, True, params.max_edge_mm)))
 
 
@@ -151,11 +157,14 @@ class TiffExporter:
 
     def export(self, product: Any, params: PlainParams) -> bytes:
         """Return the file; raise DataError when no point is left."""
-        return _written(self, product, lambda: images.tiff(product.xyz_mm))
+        return _written(self, product, lambda: images.tiff(product.xyz_mm, "; ".join(notes(product))))
 
 
 class NpzExporter:
-    """NumPy archive of every array of the product, under its own name; nothing is pickled."""
+    """NumPy archive of every array of the product, under its own name; nothing is pickled.
+
+    Beside them `id`, `simulated`, and what else there is of `calibration`, `kind`, `period_px`, `orientation`.
+    """
 
     name: ClassVar[str] = "npz"
     version: ClassVar[str] = __version__
@@ -178,6 +187,19 @@ def geometry(product: Any, meshed: bool = False, max_edge_mm: float = 0.0) -> Ge
     ValueError
         nothing is left of it.
     """
+    return replace(_bare(product, meshed, max_edge_mm), notes=notes(product))
+
+
+def notes(product: Any) -> tuple[str, ...]:
+    """Return what a file should say of a product: that it is simulated, its identity, its calibration."""
+    origin = product.provenance
+    calibration = getattr(product, "calibration", "") or origin.calibration
+    lines = ["SIMULATED: not measured"] if origin.simulated else []
+    lines += [f"id {product.id}"] if product.id else []
+    return (*lines, f"calibration {calibration}") if calibration else tuple(lines)
+
+
+def _bare(product: Any, meshed: bool, max_edge_mm: float) -> Geometry:
     if isinstance(product, RangeImage):
         return from_grid(product.xyz_mm, product.intensity, meshed, max_edge_mm)
     if isinstance(product, Model):
@@ -191,6 +213,7 @@ def _arrays(product: Any) -> dict[str, Any]:
     found = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     names = ("id", "calibration", "kind", "period_px", "orientation")
     found.update({name: np.array(values[name]) for name in names if isinstance(values.get(name), (str, float))})
+    found["simulated"] = np.array(product.provenance.simulated)
     return found
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fringed_plugins.mesh.geometry import Geometry, face_normals
+from fringed_plugins.mesh.geometry import Geometry, comment_lines, face_normals
 
 _COMMENT = "fringed, millimetres"
 
@@ -31,6 +31,7 @@ def ply(geometry: Geometry) -> bytes:
         columns.append(("intensity", "u1", geometry.intensity))
     words = {"<f4": "float", "u1": "uchar"}
     header = ["ply", "format binary_little_endian 1.0", f"comment {_COMMENT}"]
+    header += comment_lines(geometry.notes, "comment ")
     header.append(f"element vertex {len(geometry.vertices)}")
     header += [f"property {words[kind]} {name}" for name, kind, _ in columns]
     faces = b""
@@ -55,6 +56,7 @@ def pcd(geometry: Geometry, size: tuple[int, int] | None = None) -> bytes:
     width, height = size or (len(geometry.vertices), 1)
     header = [
         f"# .PCD v0.7 - {_COMMENT}",
+        *comment_lines(geometry.notes, "# "),
         "VERSION 0.7",
         "FIELDS " + " ".join(name for name, _, _ in columns),
         "SIZE" + " 4" * count,
@@ -70,7 +72,7 @@ def pcd(geometry: Geometry, size: tuple[int, int] | None = None) -> bytes:
 
 
 def stl(geometry: Geometry) -> bytes:
-    """Return a binary STL.
+    """Return a binary STL; what of the notes fits stands in its header of 80 bytes.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def stl(geometry: Geometry) -> bytes:
     triangles = np.zeros(len(geometry.faces), record)
     triangles["normal"] = face_normals(geometry.vertices, geometry.faces)
     triangles["corners"] = geometry.vertices[geometry.faces]
-    head = _COMMENT.encode("ascii").ljust(80, b" ")
+    head = ", ".join(comment_lines((_COMMENT, *geometry.notes), "")).encode("ascii")[:80].ljust(80, b" ")
     return head + struct.pack("<I", len(triangles)) + triangles.tobytes()
 
 

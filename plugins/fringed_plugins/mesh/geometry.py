@@ -18,16 +18,26 @@ _AUTOMATIC_EDGES = 6.0
 
 @dataclass(frozen=True)
 class Geometry:
-    """Vertices (n, 3) mm with normals (n, 3), intensity (n,) uint8 and faces (m, 3), where there are any."""
+    """Vertices (n, 3) mm with normals (n, 3), intensity (n,) uint8 and faces (m, 3), where there are any.
+
+    `notes` are lines of text on their origin, written where a format has room for comments.
+    """
 
     vertices: npt.NDArray[Any]
     normals: Float32Array | None = None
     intensity: npt.NDArray[np.uint8] | None = None
     faces: Int32Array | None = None
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if len(self.vertices) == 0:
             raise ValueError("nothing is left to write: no point was kept; look at the masks of the earlier stages")
+
+
+def comment_lines(notes: tuple[str, ...], prefix: str) -> list[str]:
+    """Return each note on a line of its own after `prefix`: printable ASCII, whatever it holds."""
+    plain = ("".join(c if " " <= c <= "~" else "?" for c in note) for note in notes)
+    return [prefix + note for note in plain]
 
 
 def from_grid(

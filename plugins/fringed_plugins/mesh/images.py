@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-_SHORT, _LONG = 3, 4
+_ASCII, _SHORT, _LONG = 2, 3, 4
 
 
-def tiff(image: npt.NDArray[np.float32]) -> bytes:
+def tiff(image: npt.NDArray[np.float32], description: str = "") -> bytes:
     """Return an uncompressed TIFF of `image` (height, width, samples) float32; samples keep their order.
+
+    A `description` of printable ASCII becomes the tag ImageDescription.
 
     Raises
     ------
@@ -51,6 +53,10 @@ def tiff(image: npt.NDArray[np.float32]) -> bytes:
     ]
     if samples <= 2:  # two SHORTs fit into the entry itself
         tags[2], tags[10] = (258, _SHORT, samples, 32 | 32 << 16), (339, _SHORT, samples, 3 | 3 << 16)
+    if description:
+        words = description.encode("ascii", "replace").ljust(4, b" ") + b"\0"
+        tags.insert(5, (270, _ASCII, len(words), after + len(extra)))
+        extra += words + bytes(len(words) % 2)
     directory = struct.pack("<H", len(tags)) + b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
     return struct.pack("<2sHI", b"II", 42, after + len(extra)) + data + extra + directory
 

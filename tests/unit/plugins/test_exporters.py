@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import re
 import struct
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
-from fringed.data import Mesh, Model, PhaseMap, RangeImage
+from fringed.data import Mesh, Model, PhaseMap, Provenance, RangeImage
 from fringed.errors import DataError
 from fringed_plugins.exporters_plugin import (
     NpzExporter,
@@ -169,5 +170,89 @@ def test_nothing_left_to_write_is_an_error(cls, range_image):
 
 
 def test_stl_of_points_is_refused(model):
-    with pytest.raises(DataError, match="triangles only"):
+    with pytest.raises(DataError, match="no triangles"):
         export(StlExporter, Model(model.points_mm, model.normals, model.intensity))
+
+
+ORIGIN = {"id": "20260102T030405.678901Z-1f0c", "calibration": "feedbeef"}
+
+
+def simulated(range_image, is_so=True):
+    return replace(range_image, **ORIGIN, provenance=Provenance(simulated=is_so))
+
+
+def header(cls, content):
+    """Return the part of a file that a reader takes for words."""
+    ends = {"ply": b"end_header\n", "pcd": b"DATA binary\n"}
+    if cls.name in ends:
+        marks = {"ply": "comment ", "pcd": "#"}
+        lines = content.partition(ends[cls.name])[0].decode().splitlines()
+        return "\n".join(line for line in lines if line.startswith(marks[cls.name]))
+    if cls.name == "stl":
+        return content[:80].decode()
+    return "\n".join(line for line in content.decode().splitlines() if line.startswith("#"))
+
+
+@pytest.mark.parametrize("cls", [PlyExporter, PcdExporter, XyzExporter, ObjExporter, StlExporter])
+def test_files_of_simulated_products_say_so_with_their_origin(cls, range_image):
+    words = header(cls, export(cls, simulated(range_image)))
+    assert "SIMULATED" in words and ORIGIN["id"] in words
+    assert "feedbeef" in words or cls is StlExporter  # 80 bytes end before it
+    words = header(cls, export(cls, simulated(range_image, False)))
+    assert "SIMULATED" not in words and ORIGIN["id"] in words and "feedbeef" in words
+
+
+@pytest.mark.parametrize("cls", [PlyExporter, PcdExporter, XyzExporter, ObjExporter, StlExporter])
+def test_simulated_models_and_meshes_say_so_too(cls, model):
+    marked = Provenance(simulated=True)
+    mesh = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32), provenance=marked)
+    for product in (replace(model, provenance=marked), mesh):
+        assert "SIMULATED" in header(cls, export(cls, product))
+    assert "SIMULATED" not in header(cls, export(cls, model))
+
+
+def test_notes_change_no_number(range_image):
+    marked = simulated(range_image)
+    assert np.array_equal(read_ply(export(PlyExporter, marked))[0], read_ply(export(PlyExporter, range_image))[0])
+    assert export(PcdExporter, marked).partition(b"DATA")[2] == export(PcdExporter, range_image).partition(b"DATA")[2]
+    assert len(export(StlExporter, marked)) == len(export(StlExporter, range_image))
+    tables = [np.loadtxt(io.BytesIO(export(XyzExporter, product))) for product in (marked, range_image)]
+    assert np.array_equal(*tables)
+
+
+def image_description(content):
+    (start,) = struct.unpack_from("<I", content, 4)
+    (count,) = struct.unpack_from("<H", content, start)
+    entries = [struct.unpack_from("<HHII", content, start + 2 + 12 * i) for i in range(count)]
+    assert [entry[0] for entry in entries] == sorted(entry[0] for entry in entries)
+    for tag, kind, length, offset in entries:
+        if tag == 270:
+            assert kind == 2
+            return content[offset : offset + length].decode()
+    return ""
+
+
+def test_tiff_of_a_simulated_product_says_so_and_is_still_read(range_image):
+    content = export(TiffExporter, simulated(range_image))
+    expected = f"SIMULATED: not measured; id {ORIGIN['id']}; calibration feedbeef\0"
+    assert image_description(content) == expected
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(picture[..., ::-1], range_image.xyz_mm, equal_nan=True)
+    assert "SIMULATED" not in image_description(export(TiffExporter, simulated(range_image, False)))
+
+
+@pytest.mark.parametrize("is_so", [True, False])
+def test_npz_says_whether_it_is_simulated(range_image, is_so):
+    with np.load(io.BytesIO(export(NpzExporter, simulated(range_image, is_so))), allow_pickle=False) as archive:
+        assert bool(archive["simulated"]) is is_so
+        assert str(archive["id"]) == ORIGIN["id"]
+
+
+def test_notes_cannot_break_a_header(range_image):
+    content = export(PlyExporter, replace(range_image, id="a\nend_header\nö"))
+    assert len(read_ply(content)[0]) == 47
+
+
+def test_refusal_of_stl_says_what_works_instead(model):
+    with pytest.raises(DataError, match=r"a Model without faces has no triangles.*ply.*RangeImage"):
+        export(StlExporter, replace(model, faces=None))
