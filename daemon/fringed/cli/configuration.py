@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from fringed.config import StationConfig, check_station, merged, read_toml, simulated_station, validate
+from fringed.config import StationConfig, merged, read_toml, simulated_station, station_of
 from fringed.config.defaults import PIPELINES
 from fringed.errors import UsageError
 
@@ -28,7 +28,7 @@ def configuration(path: Path | None, settings: Iterable[str] = ()) -> StationCon
     over = parsed_settings(settings)
     if path is None:
         return simulated_station(over)
-    return check_station(validate(merged(merged(PIPELINES, read_toml(path)), over), StationConfig))
+    return station_of(merged(merged(PIPELINES, read_toml(path)), over))
 
 
 def parsed_settings(settings: Iterable[str]) -> dict[str, Any]:

@@ -17,15 +17,17 @@ from fringed.config.validation import (
     check_station,
     describe,
     effective,
+    examined,
     load_station,
     merged,
     read_toml,
     simulated_station,
+    station_of,
     validate,
 )
 
 __all__ = [
     "FAULTS", "AcquisitionConfig", "CameraConfig", "CheckConfig", "DeviceConfig", "PipelineConfig", "PresetConfig",
     "SimulationConfig", "StageConfig", "StationConfig", "TcpConfig", "WorkerConfig", "check_station", "describe",
-    "effective", "load_station", "merged", "read_toml", "simulated_station", "validate",
+    "effective", "examined", "load_station", "merged", "read_toml", "simulated_station", "station_of", "validate",
 ]  # fmt: skip

@@ -144,7 +144,7 @@ class StationConfig(Section, frozen=True, kw_only=True):
     """A whole station."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9._-]{1,64}$")] = "station"
-    data_dir: Annotated[str, Meta(description="recordings; empty: $XDG_DATA_HOME/fringed")] = ""
+    data_dir: Annotated[str, Meta(description="recordings; empty: $FRINGED_DATA_DIR, else $XDG_DATA_HOME/fringed")] = ""
     runtime_dir: Annotated[
         str, Meta(description="sockets; empty: $FRINGED_RUNTIME_DIR, else $XDG_RUNTIME_DIR/fringed")
     ] = ""

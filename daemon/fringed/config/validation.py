@@ -8,15 +8,17 @@ from __future__ import annotations
 import tomllib
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, Union
+from typing import Annotated, Any, TypeVar, Union
 
 import msgspec
 
+from fringed.config.references import reference_problems
 from fringed.config.schema import StationConfig
+from fringed.config.wording import allowed
 from fringed.errors import ConfigurationError, Problem
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -112,8 +114,8 @@ def _walk(value: Any, hint: Any, path: str, problems: list[Problem]) -> None:
     else:
         try:
             msgspec.convert(value, hint)
-        except msgspec.ValidationError as error:
-            problems.append(Problem(path, repr(value)[:80], _allowed(hint, str(error))))
+        except msgspec.ValidationError:
+            problems.append(Problem(path, repr(value)[:80], allowed(hint)))
         else:
             if not _finite(value):
                 problems.append(Problem(path, repr(value)[:80], "finite numbers"))
@@ -128,23 +130,63 @@ def _finite(value: Any) -> bool:
     return not isinstance(value, float) or isfinite(value)
 
 
-def _allowed(hint: Any, error: str) -> str:
-    metas = [a for a in typing.get_args(hint) if isinstance(a, msgspec.Meta)]
+_NOTHING: Any = object()
+
+
+def sound_part(raw: Any, hint: Any) -> Any:
+    """Return `raw` without what is wrong in it, so that the rest can be checked; `_NOTHING` where nothing is left.
+
+    A list is whole or left out, for its other entries would change their places.
+    """
+    problems: list[Problem] = []
+    _walk(raw, hint, "", problems)
+    if not problems:
+        return raw
     bare = typing.get_args(hint)[0] if typing.get_origin(hint) is Annotated else hint
-    if typing.get_origin(bare) is Literal:
-        return "one of " + ", ".join(repr(a) for a in typing.get_args(bare))
-    limits = [
-        f"{sign} {getattr(meta, name)}"
-        for meta in metas
-        for name, sign in (("gt", ">"), ("ge", ">="), ("lt", "<"), ("le", "<="), ("pattern", "matching"))
-        if getattr(meta, name) is not None
-    ]
-    name = getattr(bare, "__name__", str(bare)).replace("typing.", "")
-    units = next(
-        (m.extra_json_schema["units"] for m in metas if m.extra_json_schema and "units" in m.extra_json_schema), ""
-    )
-    text = f"{name} {' and '.join(limits)} {units}".strip() if limits else f"{name} {units}".strip()
-    return text if limits else f"{text} ({error})"
+    origin, args = typing.get_origin(bare), typing.get_args(bare)
+    if isinstance(raw, Mapping) and isinstance(bare, type) and issubclass(bare, msgspec.Struct):
+        hints = typing.get_type_hints(bare, include_extras=True)
+        parts = {key: sound_part(value, hints[key]) for key, value in raw.items() if key in hints}
+        found = {key: part for key, part in parts.items() if part is not _NOTHING}
+        required = {field.name for field in msgspec.structs.fields(bare) if field.required}
+        return found if required <= set(found) else _NOTHING
+    if isinstance(raw, Mapping) and origin is dict:
+        parts = {key: sound_part(value, args[1]) for key, value in raw.items()}
+        return {key: part for key, part in parts.items() if part is not _NOTHING}
+    if isinstance(raw, list) and origin is list:
+        items = [sound_part(value, args[0]) for value in raw]
+        return _NOTHING if any(item is _NOTHING for item in items) else items
+    return _NOTHING
+
+
+def examined(raw: Mapping[str, Any]) -> tuple[StationConfig, list[Problem]]:
+    """Return a station's configuration without what is wrong in it, and every problem at once."""
+    problems: list[Problem] = []
+    _walk_struct(raw, StationConfig, "", problems)
+    config = msgspec.convert(sound_part(raw, StationConfig), StationConfig, strict=True)
+    pipelines = raw.get("pipelines")
+    named = set(config.pipelines) | set(pipelines if isinstance(pipelines, Mapping) else ())
+    problems += reference_problems(config, named, {problem.path for problem in problems})
+    return config, problems
+
+
+def station_of(raw: Mapping[str, Any]) -> StationConfig:
+    """Return the configuration that plain values mean.
+
+    Raises
+    ------
+    ConfigurationError
+        with every problem.
+    """
+    config, problems = examined(raw)
+    raise_problems(problems)
+    return config
+
+
+def raise_problems(problems: Sequence[Problem]) -> None:
+    """Raise ConfigurationError where there are problems."""
+    if problems:
+        raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)}:", tuple(problems))
 
 
 def load_station(path: Path) -> StationConfig:
@@ -157,50 +199,19 @@ def load_station(path: Path) -> StationConfig:
     """
     from fringed.config.defaults import PIPELINES
 
-    return check_station(validate(merged(PIPELINES, read_toml(path)), StationConfig))
+    return station_of(merged(PIPELINES, read_toml(path)))
 
 
 def simulated_station(over: Mapping[str, Any] | None = None) -> StationConfig:
     """Return the station that runs without a configuration: a simulated rig, named so."""
     from fringed.config.defaults import PIPELINES, SIMULATED
 
-    return check_station(validate(merged(merged(PIPELINES, SIMULATED), over or {}), StationConfig))
+    return station_of(merged(merged(PIPELINES, SIMULATED), over or {}))
 
 
 def check_station(config: StationConfig) -> StationConfig:
-    """Check what one value cannot tell alone: names that refer to each other.
-
-    Raises
-    ------
-    ConfigurationError
-        with every problem.
-    """
-    problems = [
-        Problem(f"presets.{name}.pipeline", repr(preset.pipeline), f"one of {', '.join(sorted(config.pipelines))}")
-        for name, preset in config.presets.items()
-        if preset.pipeline not in config.pipelines
-    ]
-    if config.default_pipeline not in config.pipelines:
-        allowed = f"one of {', '.join(sorted(config.pipelines))}"
-        problems.append(Problem("default_pipeline", repr(config.default_pipeline), allowed))
-    for name, pipeline in config.pipelines.items():
-        known = set(pipeline.roles) | {"calibration"}
-        for index, stage in enumerate(pipeline.stages):
-            for input_name, source in stage.inputs.items():
-                if source not in known:
-                    where = f"pipelines.{name}.stages[{index}].inputs.{input_name}"
-                    problems.append(Problem(where, repr(source), f"one of {', '.join(sorted(known))}"))
-            own = stage.name or stage.processor
-            if own in known:
-                problems.append(Problem(f"pipelines.{name}.stages[{index}].name", repr(own), "a name not used before"))
-            known.add(own)
-    if config.calibration == "simulated" and config.camera.driver != "sim":
-        problems.append(Problem("calibration", "'simulated'", "a calibration file, since the camera is not simulated"))
-    if (config.camera.driver == "sim") != (config.projector.driver == "sim") and config.camera.driver != "replay":
-        pair = f"camera {config.camera.driver!r} with projector {config.projector.driver!r}"
-        problems.append(Problem("projector.driver", pair, "both simulated or neither"))
-    if problems:
-        raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)}:", tuple(problems))
+    """Check what one value cannot tell alone: names that refer to each other; raises ConfigurationError."""
+    raise_problems(reference_problems(config, set(config.pipelines)))
     return config
 
 

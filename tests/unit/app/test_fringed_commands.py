@@ -67,7 +67,7 @@ def test_check_lists_every_problem_with_path_value_and_what_is_allowed(capsys, t
     assert code == 2
     assert "3 problems" in err
     assert "did you mean 'name'" in err
-    assert "camera.exposure_us: -1 is not allowed; expected float > 0" in err
+    assert "camera.exposure_us: -1 is not allowed; expected number > 0" in err
     assert "camera.bits: 9 is not allowed; expected one of 8, 10, 12, 16" in err
 
 

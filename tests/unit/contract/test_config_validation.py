@@ -9,14 +9,23 @@ import msgspec
 import pytest
 from msgspec import Meta
 
-from fringed.config import StationConfig, check_station, effective, load_station, merged, simulated_station, validate
+from fringed.config import (
+    StationConfig,
+    check_station,
+    effective,
+    load_station,
+    merged,
+    simulated_station,
+    station_of,
+    validate,
+)
 from fringed.config.defaults import PIPELINES
 from fringed.errors import ConfigurationError, Problem
 
 
 def problems(raw: dict[str, Any]) -> dict[str, Problem]:
     with pytest.raises(ConfigurationError) as caught:
-        check_station(validate(merged(PIPELINES, raw), StationConfig))
+        station_of(merged(PIPELINES, raw))
     return {problem.path: problem for problem in caught.value.problems}
 
 
@@ -32,13 +41,14 @@ def test_every_problem_is_listed_with_its_path() -> None:
     assert set(problems(raw)) == {
         "name", "camera.exposure_us", "camera.bits", "camera.gain", "acquisition.retries", "acquisition.settle_s",
         "workers", "pipelines.mine.encoder", "pipelines.mine.stages[1].processor", "simulation.sensor.width_px",
+        "projector.driver",
     }  # fmt: skip
 
 
 def test_a_problem_tells_value_limits_and_units() -> None:
     found = problems({"camera": {"exposure_us": -1, "bits": 9}})
     assert str(found["camera.exposure_us"]) == (
-        "camera.exposure_us: -1 is not allowed; expected float > 0 and <= 10000000.0 us"
+        "camera.exposure_us: -1 is not allowed; expected number > 0 and <= 1e+07 us"
     )
     assert str(found["camera.bits"]) == "camera.bits: 9 is not allowed; expected one of 8, 10, 12, 16"
 
@@ -80,6 +90,27 @@ def test_names_that_refer_to_nothing_are_found(raw: dict[str, Any], path: str) -
 def test_references_are_all_listed_at_once() -> None:
     raw = {"default_pipeline": "x", "presets": {"p": {"pipeline": "y"}}, "calibration": "simulated"}
     assert set(problems(raw)) >= {"default_pipeline", "presets.p.pipeline", "calibration"}
+
+
+def test_types_and_references_are_told_in_one_round() -> None:
+    raw = {
+        "camera": {"bits": 9, "driver": "sim"},
+        "default_pipeline": "nothing",
+        "pipelines": {
+            "broken": {"stages": [{"processor": 1}]},
+            "p": {"encoder": "e", "stages": [{"processor": "a"}] * 2},
+        },
+        "presets": {"on-broken": {"pipeline": "broken"}, "p": {"pipeline": "y", "encoder_params": 1}},
+    }  # fmt: skip
+    assert set(problems(raw)) == {
+        "camera.bits", "default_pipeline", "projector.driver", "pipelines.p.stages[1].name", "presets.p.pipeline",
+        "pipelines.broken.encoder", "pipelines.broken.stages[0].processor", "presets.p.encoder_params",
+    }  # fmt: skip
+
+
+def test_a_wrong_value_is_not_reported_again_through_what_refers_to_it() -> None:
+    raw = {"camera": {"driver": 5}, "projector": {"driver": "sim"}, "calibration": "simulated"}
+    assert set(problems(raw)) == {"camera.driver"}
 
 
 def test_stages_may_name_roles_earlier_stages_and_the_calibration() -> None:
@@ -138,19 +169,25 @@ class Knob(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     pair: tuple[int, int] = (0, 0)
     names: list[str] = []
     table: dict[str, float] = {}
+    steps: Annotated[int, Meta(ge=3)] | list[Annotated[int, Meta(ge=3)]] = 4
+    code: Annotated[str, Meta(pattern="^[a-z]+$")] = "a"
+    exact: bool = False
 
 
 @pytest.mark.parametrize(
     ("raw", "path", "allowed"),
     [
-        ({"size_px": 0}, "size_px", "int >= 1 px"),
-        ({"size_px": True}, "size_px", "int >= 1 px"),
-        ({"size_px": 2.5}, "size_px", "int >= 1 px"),
+        ({"size_px": 0}, "size_px", "integer >= 1 px"),
+        ({"size_px": True}, "size_px", "integer >= 1 px"),
+        ({"size_px": 2.5}, "size_px", "integer >= 1 px"),
         ({"mode": "quick"}, "mode", "one of 'fast', 'exact'"),
-        ({"level": -1.0}, "level", "float >= 0"),
-        ({"pair": [1]}, "pair", "length 2"),
-        ({"names": ["a", 5]}, "names[1]", "str"),
-        ({"table": {"x": "y"}}, "table.x", "float"),
+        ({"level": -1.0}, "level", "number >= 0"),
+        ({"pair": [1]}, "pair", "2 integers"),
+        ({"names": ["a", 5]}, "names[1]", "text"),
+        ({"table": {"x": "y"}}, "table.x", "number"),
+        ({"steps": 2}, "steps", "integer >= 3 or a list of integers >= 3"),
+        ({"code": "A"}, "code", "text matching ^[a-z]+$"),
+        ({"exact": 1}, "exact", "true or false"),
     ],
 )
 def test_parameters_of_every_type_are_checked(raw: dict[str, Any], path: str, allowed: str) -> None:
