@@ -36,6 +36,12 @@ class Keys:
         """
         from zmq.auth import load_certificate
 
+        missing = [name for name in ("server.key", "client.key_secret") if not (folder / name).is_file()]
+        if missing:
+            raise UsageError(
+                f"tcp needs CURVE keys: {' and '.join(missing)} not in {folder}; make them with `fringed keys new` "
+                "(the station's public key is server.key), or name their folder with FRINGED_KEYS or keys="
+            )
         try:
             server, _ = load_certificate(folder / "server.key")
             public, secret = load_certificate(folder / "client.key_secret")
@@ -93,7 +99,10 @@ class Address:
     def _tcp(cls, text: str, keys: str | Path | None) -> Address:
         match = _TCP.match(text)
         if match is None or not 0 < int(match["port"] or DEFAULT_CONTROL_PORT) < 65536:
-            raise UsageError(f"{text!r} is no station's address; expected a runtime folder or tcp://host:port")
+            raise UsageError(
+                f"{text!r} is no station's address; expected a runtime folder or tcp://host:port, such as "
+                f"tcp://host:{DEFAULT_CONTROL_PORT}"
+            )
         folder = Path(keys or os.environ.get("FRINGED_KEYS") or "~/.config/fringed/keys").expanduser()
         return cls(f"tcp://{match['host']}:{match['port'] or DEFAULT_CONTROL_PORT}", "", Keys.load(folder))
 

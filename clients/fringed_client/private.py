@@ -141,7 +141,7 @@ class PrivateStation:
 
     def _complaint(self) -> str:
         """Return what the station says of its configuration, without the lines of its log."""
-        return self._log_end(40)
+        return self._log_end(40).removeprefix("fringed: ")
 
     def stop(self) -> None:
         """End the station and remove its folder; harmless when done. Ctrl-C does not interrupt it."""

@@ -90,7 +90,8 @@ def save_arrays(content: Any, path: Path) -> Path:
 def save_as(station: Station, item_id: str, path: Path) -> list[Path]:
     """Write a recording in the format that the file's name asks for.
 
-    `.h5` copies the recording, `.npz` holds its arrays, `.png` draws it, anything else is an exporter.
+    `.h5` copies the recording, `.npz` holds its arrays, `.png` draws it, anything else is an exporter. Of an Artifact
+    its own content is written, whatever the name.
 
     Raises
     ------
@@ -108,6 +109,9 @@ def save_as(station: Station, item_id: str, path: Path) -> list[Path]:
             raise NotFound(f"no recording {item_id} on this machine's disk; use .npz, which comes over the network")
         make_folder(path.parent)
         return [copy_recording(source, path)]
+    stored = recording_of(station, item_id)
+    if stored is not None and ".artifact." in stored.name:
+        return [write_aside(path, station.get(item_id).content.data)]
     if suffix == "npz":
         return [save_arrays(station.get(item_id), path)]
     if suffix == "png":

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from fringed.errors import EXIT_INTERRUPTED, EXIT_OK
 from fringed_client.cli import output
 from fringed_client.cli.options import Options, common
 
@@ -109,7 +110,7 @@ def one_line(content: Any) -> str:
 @common
 def watch_command(
     topics: tuple[str, ...], latest: bool, count: int | None, seconds: float | None, options: Options
-) -> None:
+) -> int:
     """Follow the stream: rates, drops, latest values. With --json one line for each message.
 
     TOPIC is a prefix: state, event, preview, frameset, product, product/range-image ...
@@ -117,10 +118,14 @@ def watch_command(
     from fringed_client.station import Station
 
     with Station(options.station) as station, station.subscribe(*topics, latest=latest) as subscription:
-        if options.json or not sys.stdout.isatty():
-            _lines(subscription, options.json, count, seconds)
-        else:
-            _live(subscription, count, seconds, str(station))
+        try:
+            if options.json or not sys.stdout.isatty():
+                _lines(subscription, options.json, count, seconds)
+            else:
+                _live(subscription, count, seconds, str(station))
+        except KeyboardInterrupt:  # how watching ends: nothing has failed, no document of an error follows
+            return EXIT_INTERRUPTED
+    return EXIT_OK
 
 
 def _lines(subscription: Subscription, as_json: bool, count: int | None, seconds: float | None) -> None:

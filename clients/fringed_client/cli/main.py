@@ -107,7 +107,12 @@ def cli() -> None:
 def main(args: Sequence[str] | None = None) -> None:
     """Run `fringe` and exit with its code; no traceback reaches the user without --debug."""
     given = list(sys.argv[1:] if args is None else args)
-    sys.exit(run(given))
+    code = run(given)
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_stdout()
+    sys.exit(code)
 
 
 def run(given: Sequence[str]) -> int:
@@ -127,7 +132,12 @@ def run(given: Sequence[str]) -> int:
         _tell(given, "Cancelled", "interrupted", errors.EXIT_INTERRUPTED)
         return errors.EXIT_INTERRUPTED
     except BrokenPipeError:
-        sys.stderr.close()  # whoever read our output has gone: nothing is left to say
+        _forget_stdout()
+        return errors.EXIT_OK
+    except SystemExit as stop:  # click's way to end where whoever read our output has gone: nothing is left to say
+        if not isinstance(sys.stdout, click.utils.PacifyFlushWrapper):
+            return stop.code if isinstance(stop.code, int) else errors.EXIT_FAILURE
+        _forget_stdout()
         return errors.EXIT_OK
     except Exception as error:
         if "--debug" in given:
@@ -135,6 +145,15 @@ def run(given: Sequence[str]) -> int:
         code = error.exit_code if isinstance(error, errors.FringedError) else errors.EXIT_FAILURE
         _tell(given, type(error).__name__, str(error), code)
         return code
+
+
+def _forget_stdout() -> None:
+    """Send what is still to be written nowhere, so that nothing complains when the interpreter ends."""
+    import os
+
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
 
 
 def _tell(given: Sequence[str], name: str, text: str, code: int) -> None:

@@ -10,7 +10,7 @@ import click
 
 from fringed_client.cli import output
 from fringed_client.cli.options import Options, common, pairs, staged, triple
-from fringed_client.cli.records import _CONFIG, ID
+from fringed_client.cli.records import _CONFIG, ID, a_file
 
 if TYPE_CHECKING:
     from fringed.data import FrameSet
@@ -155,7 +155,12 @@ def simulate_command(folder: Path, options: Options, **wish: Any) -> None:
 
 def _rig(wish: Mapping[str, Any]) -> dict[str, Any]:
     from fringed.config import merged
+    from fringed.errors import UsageError
     from fringed_client.private import SIMULATED_RIG
+
+    mesh = wish["scene_options"].get("path")
+    if wish["scene"] == "mesh" and mesh and not Path(str(mesh)).is_file():
+        raise UsageError(f"--option path={mesh}: there is no such file; name a mesh (.stl, .ply or .obj)")
 
     scene = {"object": wish["scene"], "options": wish["scene_options"]}
     if wish["rotation"]:
@@ -211,11 +216,15 @@ def register_command(
     from fringed_client.cli.scanning import report
     from fringed_client.private import any_station
 
-    given = [view if ID.match(view) else load_recording(Path(view)) for view in views]
+    given = [view if ID.match(view) else load_recording(a_file(view)) for view in views]
     with any_station(options.station, output.say, config) as station:
         with output.steps() as steps:
             result = station.register(
-                given, wish["processor"], wish["param"], merge=wish["merge"], on_progress=steps.scan("register"),
+                given,
+                wish["processor"],
+                wish["param"],
+                merge=wish["merge"],
+                on_progress=steps.scan("register"),
                 timeout_s=timeout,
             )
         report(station, result, folder, options)

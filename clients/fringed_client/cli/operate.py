@@ -80,6 +80,9 @@ def _quarantine_show(options: Options) -> None:
     if options.json:
         output.emit(list(entries))
         return
+    if not entries:
+        output.facts({"quarantine": "empty"})
+        return
     output.table(
         ("subject", "pipeline", "attempts", "reason"), [(e.subject, e.pipeline, e.attempts, e.reason) for e in entries]
     )

@@ -47,7 +47,7 @@ def console(error: bool = False) -> Console:
 def table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "") -> None:
     """Print a table on stdout; tabs between the cells where nobody looks."""
     if not sys.stdout.isatty():
-        for row in rows:
+        for row in (columns, *rows):
             click.echo("\t".join(str(cell) for cell in row))
         return
     from rich import box

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from fringed_client.cli import output
 from fringed_client.cli.options import Options, common, pairs
+
+if TYPE_CHECKING:
+    from fringed_client.station import Station
 
 ID = re.compile(r"^\d{8}T\d{6}\.\d{6}Z-[0-9a-f]{4}$")
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -17,6 +20,21 @@ _CONFIG = click.option(
     "--config", type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Pipelines and plug-in folders for a private station.",
 )  # fmt: skip
+
+
+def a_file(source: str) -> Path:
+    """Return the path of a recording's file that was given instead of an id.
+
+    Raises
+    ------
+    UsageError
+        it is neither.
+    """
+    from fringed.errors import UsageError
+
+    if not Path(source).is_file():
+        raise UsageError(f"{source} is neither an id nor a file; `fringe list` shows ids")
+    return Path(source)
 
 
 @click.command("list")
@@ -32,10 +50,15 @@ def list_command(config: Path | None, options: Options, **wish: Any) -> None:
 
     with any_station(options.station, output.say, config) as station:
         found = station.list(**wish)
+    if len(found) == wish["limit"]:
+        output.say(f"only the newest {len(found)}; older ones with --before {found[-1]['id']}, more with --limit")
     if options.json:
         output.emit(found)
         return
-    columns = ("id", "kind", "role", "MB", "", "summary")
+    if not found:
+        output.say("nothing recorded")
+        return
+    columns = ("id", "kind", "role", "MB", "origin", "summary")
     rows = [
         (
             r["id"],
@@ -51,16 +74,23 @@ def list_command(config: Path | None, options: Options, **wish: Any) -> None:
 
 
 @click.command("get")
-@click.argument("id")
+@click.argument("id", metavar="ID|FILE.h5")
 @click.option("--output", "-o", "path", type=click.Path(dir_okay=False, path_type=Path),
               help="A file: .h5 (the recording), .npz, .png, or an exporter's ending.")  # fmt: skip
 @_CONFIG
 @common
 def get_command(id: str, path: Path | None, config: Path | None, options: Options) -> None:
-    """Fetch one recording: its figures, or a file of it."""
+    """Fetch one recording: its figures, or a file of it.
+
+    The figures of a recording's file (.h5) can be shown too; its other formats are written from the id.
+    """
+    from fringed_client.calibration_file import load_recording
     from fringed_client.private import any_station
     from fringed_client.saving import save_as
 
+    if path is None and not ID.match(id) and Path(id).suffix == ".h5":
+        _describe(load_recording(a_file(id)), options)
+        return
     with any_station(options.station, output.say, config) as station:
         if path is not None:
             files = [str(p) for p in save_as(station, id, path)]
@@ -106,40 +136,73 @@ def export_command(
     folder: Path,
     config: Path | None,
     options: Options,
-) -> None:
-    """Write products as files of other formats."""
+) -> int:
+    """Write products as files of other formats.
+
+    Takes ids, or recordings (.h5) of products. What cannot be written is told, the rest is written all the same.
+    """
+    from fringed_client.calibration_file import load_recording
     from fringed_client.private import any_station
 
-    written: list[str] = []
+    items = {i: i if ID.match(i) else load_recording(a_file(i)) for i in ids}
     with any_station(options.station, output.say, config) as station:
-        for item_id in ids:
-            for name in formats:
-                written.append(str(station.export(item_id, name, folder / f"{item_id}.{name}", param)))
-    output.emit({"files": written}) if options.json else output.facts({"written": "\n".join(written)})
+        written, failed, code = _export_all(station, items, formats, folder, param)
+    if options.json:
+        output.emit({"files": written, "failed": failed})
+    elif written:
+        output.facts({"written": "\n".join(written)})
+    for entry in failed:
+        output.say(f"not written: {entry['id']} as {entry['format']}: {entry['error']}")
+    return code
+
+
+def _export_all(
+    station: Station, items: dict[str, Any], formats: tuple[str, ...], folder: Path, param: dict[str, Any]
+) -> tuple[list[str], list[dict[str, str]], int]:
+    """Write every item in every format; returns the files, what failed, and the exit code of the first failure."""
+    from fringed.errors import EXIT_OK, EXIT_USAGE, DataError, FringedError, StationError
+
+    written, failed, code = [], [], EXIT_OK
+    for name_of, item in items.items():
+        stem = name_of if ID.match(name_of) else Path(name_of).stem
+        for name in formats:
+            try:
+                written.append(str(station.export(item, name, folder / f"{stem}.{name}", param)))
+            except StationError:
+                raise
+            except FringedError as error:
+                failed.append({"id": name_of, "format": name, "error": str(error)})
+                code = code or (EXIT_USAGE if isinstance(error, DataError) else error.exit_code)
+    return written, failed, code
 
 
 @click.command("view")
-@click.argument("sources", nargs=-1, required=True, metavar="ID|FOLDER...")
+@click.argument("sources", nargs=-1, required=True, metavar="ID|FOLDER|FILE.h5...")
 @click.option("--output", "-o", "folder", type=_FOLDER, default="pictures", show_default=True)
 @_CONFIG
 @common
 def view_command(sources: tuple[str, ...], folder: Path, config: Path | None, options: Options) -> None:
     """Draw pictures: frames, phases, masks, depth, shaded views, convergence.
 
-    A source is the id of a recording, or a capture folder.
+    A source is the id of a recording, its file (.h5), or a capture folder.
     """
     from fringed.errors import UsageError
+    from fringed_client.calibration_file import load_recording
     from fringed_client.capture_images import load_capture
     from fringed_client.pictures.gallery import draw_all
     from fringed_client.private import any_station
 
     drawn: list[Path] = []
     ids = [source for source in sources if ID.match(source)]
-    folders = [Path(source) for source in sources if not ID.match(source)]
-    unknown = [str(path) for path in folders if not path.is_dir()]
+    paths = [Path(source) for source in sources if not ID.match(source)]
+    unknown = [str(path) for path in paths if not path.exists()]
     if unknown:
-        raise UsageError(f"{', '.join(unknown)}: neither the id of a recording nor a folder; `fringe list` shows ids")
-    for source in folders:
+        raise UsageError(
+            f"{', '.join(unknown)}: neither the id of a recording nor a file or folder; `fringe list` shows ids"
+        )
+    for file in (path for path in paths if path.is_file()):
+        drawn += draw_all(load_recording(file), folder / file.stem)
+    for source in (path for path in paths if path.is_dir()):
         for role, frames in load_capture(source)[1].items():
             drawn += draw_all(frames, folder / source.name / role)
     if ids:

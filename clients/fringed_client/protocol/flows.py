@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from fringed import wire
-from fringed.errors import NoStation, RequestTimeout, VersionMismatch
+from fringed.errors import Cancelled, ConnectionLost, NoStation, RequestTimeout, StationError, VersionMismatch
 from fringed.messages import ScanState
 from fringed_client.protocol.requests import Call, revive
 
@@ -25,6 +25,7 @@ FINISHED = ("done", "failed", "cancelled")
 HELLO_TIMEOUT_S = 3.0
 WAIT_SLICE_S = 2.0
 GRACE_S = 5.0
+PROBE_TIMEOUT_S = 3.0
 FETCH_TIMEOUT_S = 60.0
 
 
@@ -89,7 +90,7 @@ def follow(
             if on_progress is not None:
                 on_progress(state)
             if state.state in FINISHED:
-                return checked(state)
+                return (yield from _ended(state))
             left_s = deadline - clock()
             if left_s <= 0:
                 raise RequestTimeout(
@@ -119,12 +120,26 @@ def watch(
         if left_s <= 0:
             raise RequestTimeout(f"{scan_id} is still {state.state} ({state.progress:.0%}) after {timeout_s:g} s")
         state = yield _wait(state, min(WAIT_SLICE_S, left_s))
-    return checked(state)
+    return (yield from _ended(state))
 
 
 def _wait(state: ScanState, slice_s: float) -> Call:
     seen = {"state": state.state, "progress": state.progress, "products": len(state.products)}
     return Call("wait", {"id": state.id, "timeout_s": slice_s, "seen": seen}, slice_s + GRACE_S)
+
+
+def _ended(state: ScanState) -> Flow[ScanState]:
+    """Return the state of what went well. A station that stops cancels what runs: that is not what anybody asked."""
+    try:
+        return checked(state)
+    except Cancelled as error:
+        try:
+            yield Call("status", {}, PROBE_TIMEOUT_S)
+        except StationError:
+            raise ConnectionLost(
+                f"the station stopped during {state.id}; look at its log, start it again and repeat the command"
+            ) from error
+        raise
 
 
 def checked(state: ScanState) -> ScanState:
