@@ -5,37 +5,55 @@ Owns the checks that need plug-ins; they are loaded in this process, never in th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
+import msgspec
 
-from fringed.config import StationConfig, load_station, merged, validate
-from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, FringedError, NotFound, Problem
+from fringed.config import StationConfig, examined, merged, read_toml, validate
+from fringed.config.defaults import PIPELINES
+from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, FringedError, Problem
 from fringed.loading import Catalogue, load_plugins
+from fringed.messages import PluginInfo
 
 
-def check_file(path: Path, plugins: bool = True) -> int:
-    """Print the problems and return the exit code; raises ConfigurationError where it cannot be read at all."""
-    try:
-        config = load_station(path)
-        problems = plugin_problems(config) if plugins else []
-    except ConfigurationError as error:
-        if not error.problems:
-            raise
-        problems = list(error.problems)
-    if not problems:
+def check_file(path: Path, plugins: bool = True, as_json: bool = False) -> int:
+    """Print every problem and return the exit code; raises ConfigurationError where it cannot be read at all."""
+    config, problems = examined(merged(PIPELINES, read_toml(path)))
+    problems += _calibration_problems(config)
+    if plugins:
+        problems += plugin_problems(config)
+    if as_json:
+        found = {"file": str(path), "good": not problems, "problems": problems}
+        click.echo(msgspec.json.format(msgspec.json.encode(found)).decode())
+    elif not problems:
         click.echo(f"{path}: good")
-        return EXIT_OK
-    click.echo(f"{path}: {len(problems)} problem{'s' * (len(problems) > 1)}", err=True)
-    for problem in problems:
-        click.echo(f"  {problem}", err=True)
-    return EXIT_USAGE
+    else:
+        click.echo(f"{path}: {len(problems)} problem{'s' * (len(problems) > 1)}", err=True)
+        for problem in problems:
+            click.echo(f"  {problem}", err=True)
+    return EXIT_USAGE if problems else EXIT_OK
+
+
+def _calibration_problems(config: StationConfig) -> list[Problem]:
+    """Return why the file of the calibration cannot be used; "simulated" is told with the devices."""
+    from fringed.assembly.loading import load_calibration
+
+    if config.calibration == "simulated":
+        return []
+    try:
+        load_calibration(config, None)
+    except ConfigurationError as error:
+        return list(error.problems)
+    return []
 
 
 def plugin_problems(config: StationConfig) -> list[Problem]:
     """Return what is wrong with the plug-ins that pipelines, presets and devices name, and with their parameters."""
-    catalogue = load_plugins([Path(folder).expanduser() for folder in config.workers.plugin_folders])
-    problems: list[Problem] = []
+    folders = [Path(folder).expanduser() for folder in config.workers.plugin_folders]
+    catalogue = load_plugins(folders)
+    problems = _broken(catalogue, folders)
     for name, pipeline in config.pipelines.items():
         where = f"pipelines.{name}"
         _check(catalogue, "encoder", pipeline.encoder, (f"{where}.encoder", f"{where}.encoder_params"),
@@ -46,7 +64,9 @@ def plugin_problems(config: StationConfig) -> list[Problem]:
                 catalogue, "processor", stage.processor, (f"{at}.processor", f"{at}.params"), stage.params, problems
             )  # fmt: skip
     for name, preset in config.presets.items():
-        chosen = config.pipelines[preset.pipeline]
+        chosen = config.pipelines.get(preset.pipeline)
+        if chosen is None:  # said already, or left out for what is wrong in it
+            continue
         where = f"presets.{name}"
         _check(catalogue, "encoder", chosen.encoder, ("", f"{where}.encoder_params"),
                merged(chosen.encoder_params, preset.encoder_params), problems)  # fmt: skip
@@ -85,17 +105,29 @@ def _scene_problems(config: StationConfig, catalogue: Catalogue) -> list[Problem
     return problems
 
 
+def _broken(catalogue: Catalogue, folders: Sequence[Path]) -> list[Problem]:
+    """Return the plug-ins of the configured folders that do not load."""
+    return [
+        Problem("workers.plugin_folders", f"{info.distribution or info.name!r}", f"plug-ins that load ({_last(info)})")
+        for info in catalogue.plugins
+        if info.error and (Path(info.distribution).parent in folders or Path(info.name) in folders)
+    ]
+
+
+def _last(info: PluginInfo) -> str:
+    return info.error.splitlines()[-1]
+
+
 def _check(
     catalogue: Catalogue, kind: str, plugin: str, paths: tuple[str, str], params: object, problems: list[Problem]
 ) -> None:
     """Add what is wrong; an empty first path means that the plug-in's name is somebody else's to check."""
-    try:
-        found = catalogue.get(kind, plugin)
-    except NotFound as error:
+    known = catalogue.provided.get(kind, {})
+    if plugin not in known:
         if paths[0]:
-            problems.append(Problem(paths[0], repr(plugin), error.message))
+            problems.append(Problem(paths[0], repr(plugin), f"one of {', '.join(sorted(known)) or 'none'}"))
         return
     try:
-        validate(params, found.Params, paths[1])  # type: ignore[arg-type]
+        validate(params, known[plugin].Params, paths[1])  # type: ignore[arg-type]
     except ConfigurationError as error:
         problems += error.problems

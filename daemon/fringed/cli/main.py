@@ -50,11 +50,12 @@ def run(config: Path | None, settings: tuple[str, ...]) -> None:
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--no-plugins", is_flag=True, help="Do not load plug-ins to check names and parameters of stages.")
-def check(file: Path, no_plugins: bool) -> None:
+@_JSON
+def check(file: Path, no_plugins: bool, as_json: bool) -> None:
     """Check a configuration; list every problem with its path, the value and what is allowed."""
     from fringed.cli.check import check_file
 
-    sys.exit(check_file(file, plugins=not no_plugins))
+    sys.exit(check_file(file, plugins=not no_plugins, as_json=as_json))
 
 
 @cli.command()

@@ -65,15 +65,18 @@ def _plural(hint: Any) -> str:
 
 
 def _limits(metas: list[msgspec.Meta], text: bool) -> str:
-    found = [
+    what = "characters" if text else "of them"
+    signs = [
         f"{sign} {_number(getattr(m, key))}" for m in metas for key, sign in _LIMITS if getattr(m, key) is not None
     ]
-    what = "characters" if text else "of them"
-    found += [
-        f"({word} {getattr(m, key)} {what})" for m in metas for key, word in _LENGTHS if getattr(m, key) is not None
+    notes = [
+        f"({'not empty' if (key, getattr(m, key)) == ('min_length', 1) else f'{word} {getattr(m, key)} {what}'})"
+        for m in metas
+        for key, word in _LENGTHS
+        if getattr(m, key) is not None
     ]
-    found += [f"matching {m.pattern}" for m in metas if m.pattern is not None]
-    return " and ".join(found)
+    patterns = [f"matching {m.pattern}" for m in metas if m.pattern is not None]
+    return " ".join(filter(None, (" and ".join(signs), *patterns, *notes)))
 
 
 def _number(value: float) -> str:

@@ -34,17 +34,17 @@ def free_bytes(folder: Path) -> int:
 
 
 @contextmanager
-def storage_errors(folder: Path, needed_bytes: int = 0) -> Iterator[None]:
-    """Turn what the system (or HDF5) raises into a StorageError that says what to do."""
+def storage_errors(folder: Path, needed_bytes: int = 0, making: bool = False) -> Iterator[None]:
+    """Turn what the system (or HDF5) raises into a StorageError; `making` tells a folder that never was from a lost one."""
     try:
         yield
     except StorageError:
         raise
     except (OSError, RuntimeError) as error:  # h5py raises RuntimeError where closing a file fails
-        raise storage_error(error, folder, needed_bytes) from error
+        raise storage_error(error, folder, needed_bytes, making) from error
 
 
-def storage_error(error: Exception, folder: Path, needed_bytes: int = 0) -> StorageError:
+def storage_error(error: Exception, folder: Path, needed_bytes: int = 0, making: bool = False) -> StorageError:
     """Say in plain words what failed at `folder`."""
     number = _errno(error)
     needed = f"{needed_bytes / 1e6:.1f} MB needed, " if needed_bytes else ""
@@ -55,6 +55,10 @@ def storage_error(error: Exception, folder: Path, needed_bytes: int = 0) -> Stor
         )
     elif number in _DENIED:
         text = f"{folder} cannot be written ({os.strerror(number)}); give this user the right to, or set data_dir"
+    elif file := next((one for one in (folder, *folder.parents) if one.is_file()), None):
+        text = f"{folder} cannot be a folder of recordings: {file} is a file; set data_dir to a folder"
+    elif number in (errno.ENOENT, errno.ENOTDIR, errno.ESTALE) and making:
+        text = f"{folder} does not exist and cannot be made ({os.strerror(number)}); set data_dir to another folder"
     elif number in (errno.ENOENT, errno.ENOTDIR, errno.ESTALE):
         text = f"{folder} has vanished ({os.strerror(number)}); mount or make it again, or set data_dir"
     else:

@@ -54,7 +54,7 @@ class Store:
         StorageError
             the folder cannot be made, read or written.
         """
-        with disk.storage_errors(self.data_dir):
+        with disk.storage_errors(self.data_dir, making=not self.data_dir.exists()):
             disk.make_folder(self.data_dir)
             probe = self.data_dir / f"probe-{os.getpid()}{places.PART}"
             probe.write_bytes(b"writable?")

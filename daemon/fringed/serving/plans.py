@@ -145,14 +145,29 @@ def _preset(config: StationConfig, wish: ScanWish) -> PresetConfig:
 
 def _roles(pipeline: PipelineConfig, name: str, wish: ScanWish) -> tuple[str, ...]:
     roles = tuple(pipeline.roles if wish.roles is None else wish.roles)
-    known = set(pipeline.roles)
-    wrong = sorted({str(role) for role in (*roles, *wish.frame_sets) if role not in known})
-    if wrong or not roles or len(set(roles)) != len(roles):
-        raise UsageError(
-            f"roles {list(roles)} and frame sets for {sorted(wish.frame_sets)}; pipeline {name!r} has "
-            f"{', '.join(pipeline.roles)}, each at most once and at least one"
-        )
+    known = ", ".join(pipeline.roles)
+    wrong = sorted({repr(role) for role in (*roles, *wish.frame_sets) if role not in pipeline.roles})
+    if wrong:
+        raise UsageError(f"pipeline {name!r} has no role {' or '.join(wrong)}; its roles: {known}")
+    if not roles or len(set(roles)) != len(roles):
+        raise UsageError(f"the roles are {list(roles)}; name at least one of pipeline {name!r} ({known}), each once")
+    if wish.process:
+        _check_supplied(pipeline, name, {*roles, *wish.frame_sets})
     return tuple(dict.fromkeys((*roles, *wish.frame_sets)))
+
+
+def _check_supplied(pipeline: PipelineConfig, name: str, roles: set[str]) -> None:
+    """Refuse a scan without a set that a stage names, before anything is taken."""
+    made: set[str] = set()
+    for stage in pipeline.stages:
+        own = stage.name or stage.processor
+        lacks = sorted({source for source in stage.inputs.values() if source in pipeline.roles} - roles - made)
+        if lacks:
+            raise UsageError(
+                f"stage {own!r} of pipeline {name!r} needs the set {' and '.join(lacks)}, which roles leaves out; take "
+                f"{', '.join(pipeline.roles)}, give a recorded set in frame_sets, or ask with process=false"
+            )
+        made.add(own)
 
 
 def _stage_call(index: int, raw: Any) -> StageCall:

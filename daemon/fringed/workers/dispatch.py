@@ -195,7 +195,7 @@ class Dispatcher:
             return
         if worker in self.peers:  # the same name again: a new process, or it forgot
             self.lost(worker, "started anew", now)
-        self.peers[worker] = Peer.of(ready, worker, now)
+        self.peers.join(Peer.of(ready, worker, now))
         self._assign(now)
 
     def _job_message(self, peer: Peer, message: JobMessage, now: float) -> None:

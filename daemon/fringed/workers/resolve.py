@@ -13,6 +13,7 @@ as `(T,)` takes a sequence: what 1 or 2 give, else everything of type T.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from types import UnionType
@@ -138,7 +139,8 @@ def _shaped(value: Any, kind: Any) -> Any:
 
 def _describe(value: Any) -> str:
     if isinstance(value, (list, tuple)):
-        return f"{len(value)} x {type(value[0]).__name__}" if value else "an empty list"
+        counts = Counter(type(item).__name__ for item in value)
+        return " and ".join(f"{count} x {name}" for name, count in counts.items()) or "an empty list"
     return type(value).__name__
 
 

@@ -5,11 +5,14 @@ Owns one record for each; starts and ends none.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from fringed.messages import Job, PluginInfo, WorkerReady
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(eq=False)
@@ -43,6 +46,18 @@ class Peer:
 
 class Roster(dict[str, Peer]):
     """All of them, by name."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._told: set[tuple[str, str]] = set()
+
+    def join(self, peer: Peer) -> None:
+        """Take one in; each plug-in that it could not load is logged once."""
+        self[peer.name] = peer
+        for info in peer.plugins:
+            if info.error and (info.name, info.error) not in self._told:
+                self._told.add((info.name, info.error))
+                _log.warning("the plug-in %s (%s) is broken: %s", info.name, info.distribution, info.error[-500:])
 
     def choose(self, job: Job, avoid: str) -> Peer | None:
         """Return a worker with a free credit and the plug-ins, rather not `avoid`; None where all are busy."""

@@ -84,6 +84,26 @@ def test_check_knows_plug_ins_and_their_parameters(capsys, tmp_path):
         assert path in err
 
 
+def test_check_tells_everything_in_one_round(capsys, tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "broken.py").write_text("raise ValueError('no such luck')\n")
+    (tmp_path / "bad.toml").write_text(
+        f'calibration = "nofile.h5"\ndefault_pipeline = "nothing"\n[camera]\nbits = 9\n'
+        f'[simulation.scene]\nobject = "nope"\n[workers]\nplugin_folders = ["{tmp_path}/folder"]\n'
+        '[pipelines.mine]\nencoder = "nonsense"\nstages = [{ processor = "triangulate", params = { typo = 1 } }]\n'
+        '[presets.p]\npipeline = "nothing"\n'
+    )
+    code, out, _ = run(capsys, "check", "--json", str(tmp_path / "bad.toml"))
+    found = {problem["path"]: problem["allowed"] for problem in json.loads(out)["problems"]}
+    assert code == 2
+    assert set(found) == {
+        "calibration", "default_pipeline", "camera.bits", "simulation.scene.object", "workers.plugin_folders",
+        "pipelines.mine.encoder", "pipelines.mine.stages[0].params.typo", "presets.p.pipeline",
+    }  # fmt: skip
+    assert found["pipelines.mine.encoder"].startswith("one of ")
+    assert "no such luck" in found["workers.plugin_folders"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [

@@ -39,15 +39,23 @@ def test_given_frame_sets_are_not_taken():
     assert plan.to_take == ("object",)
 
 
+def test_part_of_the_sets_may_be_taken_where_nothing_is_processed_or_the_rest_is_given():
+    assert plan_scan(CONFIG, ScanWish(pipeline="thesis", roles=["reference"], process=False)).to_take == ("reference",)
+    wish = ScanWish(pipeline="thesis", roles=["object"], frame_sets={"reference": "some-id"})
+    assert plan_scan(CONFIG, wish).to_take == ("object",)
+
+
 @pytest.mark.parametrize(
     ("wish", "error", "text"),
     [
         (ScanWish(pipeline="nonsense"), NotFound, "there are hierarchical, thesis"),
         (ScanWish(preset="nonsense"), NotFound, "there are plaster, skin"),
         (ScanWish(preset="skin", pipeline="thesis"), UsageError, "give only one"),
-        (ScanWish(roles=["reference"]), UsageError, "has object"),
+        (ScanWish(roles=["reference"]), UsageError, "has no role 'reference'; its roles: object"),
+        (ScanWish(pipeline="thesis", roles=["reference"]), UsageError, "needs the set object.*process=false"),
         (ScanWish(roles=[]), UsageError, "at least one"),
-        (ScanWish(frame_sets={"dark": "id"}), UsageError, "has object"),
+        (ScanWish(frame_sets={"dark": "id"}), UsageError, "its roles: object"),
+        (ScanWish(roles=["object", "object"]), UsageError, "each once"),
         (ScanWish(stages={"nonsense": {}}), UsageError, "has the stages phase, range"),
         (ScanWish(stages={"phase": 3}), UsageError, "each takes a table"),
         (ScanWish(camera={"exposure": 1}), ConfigurationError, "camera.exposure"),

@@ -63,7 +63,7 @@ def test_inputs_are_found(wanted, optional, sources, given, made, expected):
         ({"x": Mesh}, {"y": "one"}, {"one": M1}, {}, r"maps the inputs y; its plug-in has: x"),
         ({"views": (Mesh,)}, {}, {"c": CALIBRATION}, {}, r"needs one or more Mesh"),
         ({"views": (Mesh,)}, {}, {"v": []}, {}, r"there is: v \(an empty list\)"),
-        ({"views": (Mesh,)}, {"views": "v"}, {"v": [M1, A1]}, {}, r"2 x Mesh; it needs one or more Mesh"),
+        ({"views": (Mesh,)}, {"views": "v"}, {"v": [M1, A1]}, {}, r"1 x Mesh and 1 x Artifact; it needs one or more"),
     ],
 )
 def test_missing_ambiguous_and_wrong_inputs_are_told(wanted, sources, given, made, text):
