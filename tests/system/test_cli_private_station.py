@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fringed.errors import NoStation
+from fringed.errors import ConfigurationError
 from fringed_client.calibration_file import load_calibration, load_recording
 from fringed_client.private import NO_DEVICES, PrivateStation
 
@@ -105,7 +105,7 @@ def test_interrupted_command_stops_its_station(alone: Path) -> None:
 
 
 def test_station_that_cannot_start_tells_why(alone: Path) -> None:
-    with pytest.raises(NoStation, match="familly"), PrivateStation({**NO_DEVICES, "familly": 1}):
+    with pytest.raises(ConfigurationError, match="familly"), PrivateStation({**NO_DEVICES, "familly": 1}):
         pass
 
 

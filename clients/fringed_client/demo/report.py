@@ -75,10 +75,10 @@ def _gallery(pictures: dict[str, str], names: tuple[str, ...]) -> str:
     return f'<div class="gallery">{items}</div>'
 
 
-def _table(head: tuple[str, ...], rows: list[tuple[Any, ...]]) -> str:
+def _table(head: tuple[str, ...], rows: list[tuple[Any, ...]], name: str = "") -> str:
     cells = "".join(f"<th>{_text(cell)}</th>" for cell in head)
     body = "".join("<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
-    return f"<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<table class='{name}'><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _views(found: dict[str, Any]) -> str:
@@ -101,13 +101,13 @@ def _registrations(found: dict[str, Any]) -> str:
             "overlap", "iterations")  # fmt: skip
     rows = [
         (
-            f"view {r['view']} → 1", r["reason"] or ("converged" if r["converged"] else "NOT converged"),
+            f"view {r['view']} → 1", "converged" if r["converged"] else f"NOT converged: {r['reason']}",
             f"{r['rotation_error_deg']:.4f}", _um(r["translation_error_mm"]), _um(r["displacement_rms_mm"]),
             _um(r["rms_mm"]), f"{r['overlap']:.0%}", r["iterations"],
         )
         for r in found["registrations"]
     ]  # fmt: skip
-    return _table(head, rows)
+    return _table(head, rows, "registrations")
 
 
 def _model(found: dict[str, Any]) -> str:

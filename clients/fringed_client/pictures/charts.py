@@ -36,7 +36,10 @@ def draw_convergence(path: Path, registrations: Sequence[Registration], simulate
     for number, registration in enumerate(registrations):
         rms = [record.rms_mm for record in registration.history]
         end = "converged" if registration.converged else "NOT converged"
-        label = f"view {number + 2} → 1: {end}, {registration.rms_mm:.3f} mm, overlap {registration.overlap:.0%}"
+        label = (
+            f"view {number + 2} → 1: {end}; at the end {registration.overlap:.0%} overlap, "
+            f"{registration.rms_mm:.3f} mm RMS over all of it"
+        )
         colour = _COLOURS[number % len(_COLOURS)]
         axes.plot(range(1, len(rms) + 1), rms, marker="o", markersize=3.5, linewidth=1.4, color=colour, label=label)
         _mark_stages(axes, registration, colour)
@@ -47,7 +50,7 @@ def draw_convergence(path: Path, registrations: Sequence[Registration], simulate
     axes.legend(fontsize=8, frameon=False)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     titled(axes, "convergence of the registration", simulated)
-    labelled(axes, "iteration", "RMS distance / mm")
+    labelled(axes, "iteration", "RMS distance of the iteration's pairs / mm")
     return save(drawn, path)
 
 

@@ -115,10 +115,11 @@ def draw_painted(
     height = max(picture.rgb.shape[0] for picture in shown)
     width = sum(picture.rgb.shape[1] for picture in shown)
     drawn = figure(width / 110 + 1.2 + 0.7 * len(shown), height / 110 + 0.95)
-    panels = drawn.subplots(1, len(shown), squeeze=False)[0]
+    aspects = [picture.rgb.shape[1] / picture.rgb.shape[0] for picture in shown]
+    panels = drawn.subplots(1, len(shown), squeeze=False, width_ratios=aspects)[0]  # of one height
     for axes, picture, surface in zip(panels, shown, surfaces, strict=True):
         _show(axes, picture, VIEWS[view])
-        titled(axes, surface.title, simulated and axes is panels[-1], narrow=len(shown) > 1)
+        titled(axes, surface.title, simulated, narrow=len(shown) > 1)
     colour_bar(drawn, ScalarMappable(norm, colours), panels, label, "both" if signed else "max")
     return save(drawn, path)
 
