@@ -85,7 +85,7 @@ def stl(geometry: Geometry) -> bytes:
     triangles = np.zeros(len(geometry.faces), record)
     triangles["normal"] = face_normals(geometry.vertices, geometry.faces)
     triangles["corners"] = geometry.vertices[geometry.faces]
-    head = ", ".join(comment_lines((_COMMENT, *geometry.notes), "")).encode("ascii")[:80].ljust(80, b" ")
+    head = ", ".join(comment_lines((_COMMENT, *geometry.notes), ""))[:80].rstrip(", ").encode("ascii").ljust(80, b" ")
     return head + struct.pack("<I", len(triangles)) + triangles.tobytes()
 
 
