@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from daemonkit import SMALL, Daemon
 
-from fringed.errors import Quarantined, StorageError
+from fringed.errors import NotFound, Quarantined, StorageError
 from fringed_client.protocol.requests import Call
 
 PLUGIN = """
@@ -101,13 +101,29 @@ def test_a_scene_of_a_plug_in_stands_before_the_rig_from_the_start(tmp_path, plu
     config = plugin_config.replace('object = "sphere"', 'object = "wedge"\noptions = { size_mm = 60.0 }')
     daemon = Daemon(tmp_path, config).until_ready()
     try:
-        assert "a plane stands there" in daemon.log
+        assert "until a worker has made it, there are no scans" in daemon.log
         daemon.logged("the scene 'wedge' stands there now", 60.0)
         with daemon.client() as client:
             state = finished(client, client.request("scan", truth=True))
             truth = client.request("get", id=next(p["id"] for p in state.products if p["kind"] == "Truth"))
         heights = truth.xyz_mm[..., 2][(truth.is_object > 0)]
         assert np.ptp(heights) == pytest.approx(20.0, rel=0.1)  # the wedge rises by 20 mm; its edges are a pixel wide
+    finally:
+        daemon.end()
+
+
+def test_a_scene_that_nobody_has_is_never_replaced_by_another_one(tmp_path, plugin_config):
+    daemon = Daemon(tmp_path, plugin_config.replace('object = "sphere"', 'object = "nope"')).until_ready()
+    try:
+        daemon.logged("so there are no scans", 60.0)
+        with daemon.client() as client:
+            for verb, params in (("scan", {}), ("simulate.scene", {"scene": {"object": "nope"}})):
+                with pytest.raises(NotFound, match=r"'nope'; built in are plane, .*, mesh; of plug-ins: .*wedge"):
+                    client.request(verb, **params)
+            assert "no scans: no scene is called 'nope'" in client.status().camera.detail
+            client.request("simulate.scene", scene={"object": "sphere"})
+            assert "no scans" not in client.status().camera.detail
+            assert finished(client, client.request("scan")).state == "done"
     finally:
         daemon.end()
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from fringed.config import StationConfig
 from fringed.config.paths import endpoint
 from fringed.data import Calibration
 from fringed.devices.building import Devices
+from fringed.errors import ConfigurationError, Problem
+from fringed.hookspecs import ENTRY_POINT_GROUP
 from fringed.loading import Catalogue
 from fringed.serving.sockets import Remote, Sockets
 from fringed.serving.status import Identity
@@ -62,7 +65,13 @@ def load_driver_plugins(config: StationConfig) -> Catalogue:
 
 
 def without_foreign_scene(config: StationConfig) -> tuple[StationConfig, Mapping[str, Any] | None]:
-    """Return a configuration that can be built at once, and the scene that a worker's plug-in has to make."""
+    """Return a configuration that can be built at once, and the scene that a worker's plug-in has to make.
+
+    Raises
+    ------
+    ConfigurationError
+        no plug-in could provide the scene, for there is none but ours.
+    """
     if "sim" not in (config.camera.driver, config.projector.driver):
         return config, None
     from fringed.simulation.shapes import OBJECTS
@@ -70,9 +79,19 @@ def without_foreign_scene(config: StationConfig) -> tuple[StationConfig, Mapping
     scene = config.simulation.scene
     if scene.object in OBJECTS:
         return config, None
+    if not _foreign_plugins(config):
+        allowed = f"one of {', '.join(OBJECTS)}; there is no plug-in that could have another one"
+        raise ConfigurationError("1 problem:", (Problem("simulation.scene.object", repr(scene.object), allowed),))
     stand_in = msgspec.structs.replace(scene, object="plane", options={})
     simulation = msgspec.structs.replace(config.simulation, scene=stand_in)
     return msgspec.structs.replace(config, simulation=simulation), msgspec.to_builtins(scene)
+
+
+def _foreign_plugins(config: StationConfig) -> bool:
+    """Tell whether a worker may have plug-ins of others; nothing is loaded."""
+    installed = (entry.dist for entry in entry_points(group=ENTRY_POINT_GROUP))
+    others = any(dist is None or dist.name != "fringed" for dist in installed)
+    return others or bool(config.workers.plugin_folders) or config.tcp is not None
 
 
 def hello(identity: Identity, sockets: Sockets, remote: Remote | None, for_remote: bool) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from fringed.config import validate
 from fringed.config.simulated import SceneConfig
 from fringed.data import Mesh, new_id
-from fringed.errors import FringedError, PluginError, error_classes
+from fringed.errors import FringedError, NotFound, PluginError, UsageError, error_classes
 from fringed.messages import ErrorInfo, Job, JobDone, JobProgress, StageCall, StageDone
 from fringed.serving.house import House
 from fringed.serving.ports import JobWatcher
@@ -41,25 +41,30 @@ class Simulator:
         if config.object in OBJECTS:
             self._place(config, None, done, failed)
             return
+        if (told := self._house.hosts.schemas()) and config.object not in told.get("scene", {}):
+            failed(self._unknown(config.object))
+            return
         meshes: list[Mesh] = []
         call = StageCall("scene", "scene", config.object, config.options)
         watcher = JobWatcher(
             partial(_made, meshes),
             partial(self._ready, config, meshes, (done, failed)),
-            partial(_refused, failed),
+            partial(self._refused, config.object, failed),
             _ignore,
         )
         self._house.jobs.submit(Job(new_id(), (call,), {}, f"scene {config.object}", simulated=True), watcher)
 
     def set_first_scene(self, scene: Mapping[str, Any]) -> None:
-        """Have a worker make the configured scene; until it has, a plane stands in, and that is said."""
+        """Have a worker make the configured scene; until it has, there are no scans, and that is said."""
         name = scene["object"]
-        _log.warning("the scene %r comes from a plug-in; until a worker has made it, a plane stands there", name)
-        self.set_scene(
-            scene,
-            lambda _: _log.info("the scene %r stands there now", name),
-            lambda error: _log.error("the scene %r cannot be made, a plane stands there: %s", name, error),
-        )
+        _log.warning("the scene %r comes from a plug-in; until a worker has made it, there are no scans", name)
+        self._house.no_scene = UsageError(f"a plug-in is still making the scene {name!r}; ask again in a moment")
+        self.set_scene(scene, lambda _: _log.info("the scene %r stands there now", name), self._first_failed)
+
+    def _first_failed(self, error: FringedError) -> None:
+        _log.error("the configured scene cannot be made, so there are no scans: %s", error)
+        if self._house.no_scene is not None:  # else another one was ordered meanwhile
+            self._house.no_scene = error
 
     def order_fault(self, fault: str, count: int) -> None:
         """Have the next `count` occasions struck by a fault."""
@@ -74,16 +79,30 @@ class Simulator:
 
     def _place(self, config: SceneConfig, mesh: Mesh | None, done: Done, failed: Failed) -> None:
         """Build it in the loader's thread: a mesh file is read from the disk."""
-        self._house.in_thread(self._house.loader, partial(self._rig.set_scene, config, mesh), done, failed)
+        self._house.in_thread(
+            self._house.loader, partial(self._rig.set_scene, config, mesh), partial(self._placed, done), failed
+        )
+
+    def _placed(self, done: Done, answer: Any) -> None:
+        self._house.no_scene = None
+        done(answer)
+
+    def _refused(self, name: str, failed: Failed, error: ErrorInfo, _: bool) -> None:
+        if error.code == "NotFound":
+            failed(self._unknown(name))
+        else:
+            failed(error_classes().get(error.code, PluginError)(error.message))
+
+    def _unknown(self, name: str) -> NotFound:
+        from fringed.simulation.shapes import OBJECTS
+
+        others = ", ".join(sorted(self._house.hosts.schemas().get("scene", {}))) or "none"
+        return NotFound(f"no scene is called {name!r}; built in are {', '.join(OBJECTS)}; of plug-ins: {others}")
 
 
 def _made(meshes: list[Mesh], answer: StageDone) -> None:
     if isinstance(answer.product, Mesh):
         meshes.append(answer.product)
-
-
-def _refused(failed: Failed, error: ErrorInfo, _: bool) -> None:
-    failed(error_classes().get(error.code, PluginError)(error.message))
 
 
 def _ignore(_: JobProgress) -> None:

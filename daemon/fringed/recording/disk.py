@@ -35,7 +35,7 @@ def free_bytes(folder: Path) -> int:
 
 @contextmanager
 def storage_errors(folder: Path, needed_bytes: int = 0, making: bool = False) -> Iterator[None]:
-    """Turn what the system (or HDF5) raises into a StorageError; `making` tells a folder that never was from a lost one."""
+    """Turn what the system (or HDF5) raises into a StorageError; `making`: the folder was not there before."""
     try:
         yield
     except StorageError:

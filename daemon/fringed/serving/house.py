@@ -48,6 +48,7 @@ class House:
     hosts: ports.Hosts
     counters: Counter[str] = field(default_factory=Counter)
     pending: int = 0
+    no_scene: FringedError | None = None  # why a simulated rig has not the scene that was configured
 
     def record(
         self, product: Any, announced: Callable[[wire.Encoded], None], failed: Failed, wanted: Callable[[], bool]

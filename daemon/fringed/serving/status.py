@@ -86,7 +86,7 @@ class Status:
             replayed=self.identity.replayed,
             rig=self.identity.rig,
             calibration=calibration.hash if calibration else "",
-            camera=self.devices.get("camera", _UNKNOWN),
+            camera=self._camera(),
             projector=self.devices.get("projector", _UNKNOWN),
             lease=self.leases.state(now),
             workers=house.hosts.states(),
@@ -99,6 +99,10 @@ class Status:
             free_disk_mb=round(self._free_bytes / 1e6, 1),
             config_path=self.identity.config_path,
         )
+
+    def _camera(self) -> DeviceState:
+        camera, missing = self.devices.get("camera", _UNKNOWN), self.house.no_scene
+        return replace(camera, detail=f"no scans: {missing.message}") if missing else camera
 
     def _measure_disk(self) -> None:
         """Ask the disk in the loader's thread: one that hangs, such as a lost network disk, must not hold the loop."""

@@ -51,7 +51,10 @@ class ScanVerbs:
             call.get("process", bool, True),
         )
         _texts(call, "frame_sets", list(wish.frame_sets.values()))
-        return self.scans.scan(plan_scan(self.house.present.config, wish))
+        plan = plan_scan(self.house.present.config, wish)
+        if plan.to_take and self.house.no_scene:
+            raise self.house.no_scene
+        return self.scans.scan(plan)
 
     def _process(self, call: Call) -> Any:
         call.allow("pipeline", "stages", "inputs", "params")

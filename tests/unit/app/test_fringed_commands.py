@@ -110,11 +110,14 @@ def test_check_tells_everything_in_one_round(capsys, tmp_path):
         (("check", "/nowhere/at/all.toml"), 2, "there is no file /nowhere/at/all.toml"),
         (("run", "--set", "nonsense"), 2, "expected KEY=VALUE"),
         (("show", "--set", "workers.count=-3"), 2, "workers.count: -3 is not allowed"),
+        (("run", "--set", "simulation.scene.object=nope"), 2, "expected one of plane, sphere, steps"),
         (("nonsense",), 2, "No such command"),
         (("keys", "new", "a/b", "--dir", "/tmp"), 2, "is no name for keys"),
     ],
 )
-def test_errors_are_one_message_without_a_trace(capsys, arguments, code, text):
+def test_errors_are_one_message_without_a_trace(capsys, arguments, code, text, tmp_path, monkeypatch):
+    monkeypatch.setenv("FRINGED_RUNTIME_DIR", str(tmp_path / "run"))
+    monkeypatch.setenv("FRINGED_DATA_DIR", str(tmp_path / "data"))
     ended, _, err = run(capsys, *arguments)
     assert ended == code
     assert text in err
