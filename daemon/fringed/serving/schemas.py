@@ -20,6 +20,7 @@ _LIMITS: tuple[tuple[str, str, Callable[[Any, Any], bool]], ...] = (
     ("maximum", "at most", operator.le),
     ("exclusiveMaximum", "less than", operator.lt),
 )
+_WORDS = {"object": "a table", "array": "a list", "string": "text", "boolean": "true or false", "null": "nothing"}
 _TYPES: dict[str, tuple[type, ...]] = {
     "object": (Mapping,), "array": (list, tuple), "string": (str,), "boolean": (bool,), "integer": (int,),
     "number": (int, float), "null": (type(None),),
@@ -56,14 +57,18 @@ def _walk(value: Any, schema: Any, path: str, problems: list[Problem], root: Any
             mine: list[Problem] = []
             _walk(value, option, path, mine, root)
             found.append(mine)
-        if all(found):
-            problems.extend(sorted(found, key=len)[0])
+        nested = [mine for mine in found if any(problem.path != path for problem in mine)]
+        if all(found) and nested:
+            problems.extend(sorted(nested, key=len)[0])
+        elif all(found):
+            told = dict.fromkeys(problem.allowed for mine in found for problem in mine if problem.allowed != "nothing")
+            problems.append(Problem(path, repr(value)[:80], " or ".join(told)))
         return
     wanted = _TYPES.get(schema.get("type", ""))
     if "enum" in schema and value not in schema["enum"]:
         problems.append(Problem(path, repr(value)[:80], "one of " + ", ".join(map(repr, schema["enum"]))))
     elif wanted and (not isinstance(value, wanted) or (isinstance(value, bool) and bool not in wanted)):
-        problems.append(Problem(path, repr(value)[:80], f"{schema['type']}{_units(schema)}"))
+        problems.append(Problem(path, repr(value)[:80], f"{_words(schema)}{_units(schema)}"))
     elif isinstance(value, Mapping):
         _walk_table(value, schema, path, problems, root)
     elif isinstance(value, (list, tuple)):
@@ -99,6 +104,11 @@ def _resolved(schema: Any, root: Any) -> Mapping[str, Any]:
         own = root.get("$defs", {}).get(reference.rpartition("/")[2], {})
         schema = {**own, **{key: item for key, item in schema.items() if key not in ("$ref", "$defs")}}
     return schema if isinstance(schema, Mapping) else {}
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    kind = str(schema["type"])
+    return _WORDS.get(kind, kind)
 
 
 def _units(schema: Mapping[str, Any]) -> str:
