@@ -25,7 +25,7 @@ SURFACES = ("RangeImage", "Model")
 
 
 def save_result(station: Station, result: ScanResult, folder: Path) -> list[Path]:
-    """Write every set and product as a recording, surfaces as PLY too, and `scan.json`.
+    """Write every set and product as a recording, surfaces that have points as PLY too, and `scan.json`.
 
     Raises
     ------
@@ -39,10 +39,15 @@ def save_result(station: Station, result: ScanResult, folder: Path) -> list[Path
     named |= {_name(p): str(p["id"]) for p in result.state.products}
     written = [save_recording(station, item_id, folder / name) for name, item_id in named.items()]
     for product in result.state.products:
-        if product.get("kind") in SURFACES:
+        if product.get("kind") in SURFACES and _has_points(result.fetch(str(product["id"]))):
             written.append(station.export(product["id"], "ply", folder / f"{_name(product)}.ply"))
     state = json.dumps(msgspec.to_builtins(result.state), indent=2).encode()
     return [*written, write_aside(folder / "scan.json", state)]
+
+
+def _has_points(surface: Any) -> bool:
+    points = surface.points_mm if hasattr(surface, "points_mm") else surface.xyz_mm[surface.rejected == 0]
+    return len(points) > 0
 
 
 def _name(product: Any) -> str:

@@ -11,6 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -71,6 +72,26 @@ def test_damaged_folder_is_refused_before_a_station_starts(alone: Path) -> None:
     (alone / "capture.toml").write_text('[sets]\nobject = "*.png"\n[[group]]\nperiods = 8\nsteps = 4\n')
     done = fringe("process", str(alone), code=2)
     assert "4 missing" in done.stderr and "private" not in done.stderr
+
+
+def test_folder_that_keeps_no_pixel_ends_at_the_quality_gate(alone: Path) -> None:
+    fringe("simulate", "sphere", "--output", str(alone / "c"), "--camera", "64x48")
+    for path in (alone / "c").rglob("*.png"):
+        cv2.imwrite(str(path), np.full((48, 64), 90, np.uint8))
+    done = fringe("process", str(alone / "c"), "--output", str(alone / "r"), "--json", code=5)
+    found = json.loads(done.stdout)
+    assert [row["kept"] for row in found["quality"]] == [0] and "pixels kept" in found["warnings"][0]
+    assert (alone / "r" / "range.h5").exists()
+
+
+def test_wrong_words_for_a_private_station_are_usage_errors(alone: Path) -> None:
+    wrong = fringe("simulate", "sphere", "--output", str(alone / "c"), "--option", "radius=4", code=2)
+    assert "radius_mm" in wrong.stderr and not (alone / "c").exists()
+    fringe("simulate", "sphere", "--output", str(alone / "c"), "--camera", "64x48")
+    assert "reference" in fringe("process", str(alone / "c"), "--pipeline", "thesis", code=2).stderr
+    (alone / "c" / "calibration.json").unlink()
+    assert "capture.calibration" in fringe("process", str(alone / "c"), code=2).stderr
+    assert "neither an id nor a file" in fringe("register", "nope", "nope", code=2).stderr
 
 
 def test_private_station_ends_with_a_killed_client(alone: Path) -> None:

@@ -117,6 +117,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def run(given: Sequence[str]) -> int:
     """Run one command line and return its exit code."""
+    stdout = sys.stdout
     try:
         code = cli.main(args=list(given), prog_name="fringe", standalone_mode=False)
         return code if isinstance(code, int) else errors.EXIT_OK
@@ -134,8 +135,8 @@ def run(given: Sequence[str]) -> int:
     except BrokenPipeError:
         _forget_stdout()
         return errors.EXIT_OK
-    except SystemExit as stop:  # click's way to end where whoever read our output has gone: nothing is left to say
-        if not isinstance(sys.stdout, click.utils.PacifyFlushWrapper):
+    except SystemExit as stop:  # click wraps stdout and ends so where whoever read it has gone: nothing is left to say
+        if sys.stdout is stdout:
             return stop.code if isinstance(stop.code, int) else errors.EXIT_FAILURE
         _forget_stdout()
         return errors.EXIT_OK
@@ -143,7 +144,8 @@ def run(given: Sequence[str]) -> int:
         if "--debug" in given:
             raise
         code = error.exit_code if isinstance(error, errors.FringedError) else errors.EXIT_FAILURE
-        _tell(given, type(error).__name__, str(error), code)
+        text = str(error).replace("(lease.break)", "(`fringe lease break --reason TEXT`)")
+        _tell(given, type(error).__name__, text, code)
         return code
 
 
