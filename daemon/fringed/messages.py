@@ -143,7 +143,10 @@ class Preview(_Frozen):
 
 @dataclass(frozen=True)
 class ScanState:
-    """How one scan or processing job is. `products` lists ids with their type and stage."""
+    """How one scan or processing job is.
+
+    `products` lists ids with their type and stage, `warnings` what plug-ins doubt.
+    """
 
     id: str
     state: Literal["queued", "encoding", "acquiring", "processing", "done", "failed", "cancelled"]
@@ -155,6 +158,7 @@ class ScanState:
     timings_s: Mapping[str, float] = field(default_factory=dict)
     retakes: int = 0
     error: ErrorInfo | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -210,6 +210,13 @@ def test_the_scene_stays_while_a_scan_takes_its_sets(client):
     assert done(client, state).state == "done"
 
 
+def test_what_a_plugin_doubts_is_in_the_scans_state(client):
+    state = done(client, client.request("scan", pipeline="thesis"))
+    assert state.state == "done", state
+    assert any("expected_depth_mm" in text for text in state.warnings)
+    assert done(client, client.request("scan")).warnings == ()
+
+
 def test_latency_is_measured(client):
     state = done(client, client.request("latency"))
     assert state.state == "done", state

@@ -88,7 +88,7 @@ def report(
 
     files = save_result(station, result, folder) if folder is not None else []
     quality = quality_of(result)
-    warnings = warnings_of(quality, result.frame_sets if taken else {})
+    warnings = [*result.state.warnings, *warnings_of(quality, result.frame_sets if taken else {})]
     for text in warnings:
         output.say(f"warning: {text}")
     if options.json:

@@ -5,6 +5,7 @@ Owns the way from `StageDone` to an announced product; knows nothing of devices.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -18,6 +19,9 @@ from fringed.serving.house import House
 from fringed.serving.ports import JobWatcher
 from fringed.serving.records import Record, iso_now
 from fringed.serving.requests import error_info
+
+_log = logging.getLogger(__name__)
+_WARNINGS = 20  # of one scan; a plug-in that warns for each pixel tells nobody more
 
 
 class JobRun:
@@ -60,9 +64,16 @@ class JobRun:
             self._house.records.change(self._record, progress=fraction, text=progress.text)
         elif progress.level != "debug":
             detail = {"id": self._record.id, "stage": progress.stage}
+            if progress.level != "info":
+                self._doubted(f"{progress.stage}: {progress.text}")
             self._house.stream.publish(
                 Event("plugin.log", iso_now(), progress.level, progress.text, detail), wire.TOPIC_EVENT
             )
+
+    def _doubted(self, text: str) -> None:
+        if text not in self._record.warnings and len(self._record.warnings) < _WARNINGS:
+            self._record.warnings.append(text)
+            _log.warning("%s %s: %s", self._record.pipeline, self._record.id, text)
 
     def _stage(self, done: StageDone) -> None:
         self._record.timings_s[done.stage] = round(done.seconds, 6)

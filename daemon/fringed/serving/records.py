@@ -40,6 +40,7 @@ class Record:
     timings_s: dict[str, float] = field(default_factory=dict)
     retakes: int = 0
     error: ErrorInfo | None = None
+    warnings: list[str] = field(default_factory=list)
     last_frame_s: float | None = None
     finished_s: float | None = None
     event_s: float = float("-inf")
@@ -54,6 +55,7 @@ class Record:
         return ScanState(
             self.id, self.state, self.pipeline, round(self.progress, 4), self.text, dict(self.frame_sets),
             tuple(self.products), dict(self.timings_s), self.retakes, self.error,
+            tuple(self.warnings),
         )  # fmt: skip
 
 
