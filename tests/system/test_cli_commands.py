@@ -142,6 +142,27 @@ def test_fault_is_survived_by_taking_the_set_again(station_runtime: Path) -> Non
     assert found["state"] == "done" and found["retakes"] >= 1
 
 
+def test_reader_that_goes_away_ends_a_list_quietly(station_runtime: Path) -> None:
+    fringe("scan", runtime=station_runtime)
+    env = {**os.environ, "FRINGED_RUNTIME_DIR": str(station_runtime)}
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run([*FRINGE, "list"], env=env, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_interrupted_watch_leaves_only_its_lines(station_runtime: Path) -> None:
+    env = {**os.environ, "FRINGED_RUNTIME_DIR": str(station_runtime)}
+    watch = subprocess.Popen([*FRINGE, "watch", "state", "--json"], env=env, stdout=subprocess.PIPE, text=True)
+    assert watch.stdout is not None
+    first = watch.stdout.readline()
+    watch.send_signal(signal.SIGINT)
+    rest, _ = watch.communicate(timeout=20)
+    assert watch.returncode == 130
+    assert all("topic" in json.loads(line) for line in [first, *rest.splitlines()])
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_scripts(shell: str, tmp_path: Path) -> None:
     assert "_FRINGE_COMPLETE" in fringe("completion", shell, runtime=tmp_path).stdout
