@@ -147,7 +147,9 @@ def test_reader_that_goes_away_ends_a_list_quietly(station_runtime: Path) -> Non
     env = {**os.environ, "FRINGED_RUNTIME_DIR": str(station_runtime)}
     reading, writing = os.pipe()
     os.close(reading)
-    done = subprocess.run([*FRINGE, "list"], env=env, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    done = subprocess.run(
+        [*FRINGE, "list", "--limit", "1000"], env=env, stdout=writing, stderr=subprocess.PIPE, text=True, check=False
+    )
     os.close(writing)
     assert (done.returncode, done.stderr) == (0, "")
 
