@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from zmq.utils.garbage import gc
 
-# Pools of kernels and of zmq live as long as the process on purpose.
-LONG_LIVED_THREADS = ("rows", "kernels", "warm", "pytest", "MainThread", "ThreadPoolExecutor", "asyncio_")
+# The row pools of kernels, and the executor of an event loop, live as long as the process on purpose.
+LONG_LIVED_THREADS = ("rows", "pytest", "MainThread", "asyncio_")
 
 
 def children() -> set[int]:
