@@ -8,7 +8,7 @@ knows nothing of sockets, files or plug-ins. Conventions that hold everywhere:
   the phase `2 pi u / period_px + initial_phase_rad`.
 - A transform is named by its frames: `T_reference_model` takes model points to the reference frame.
 - Lengths are millimetres, angles radians, times seconds unless the name says otherwise.
-- `rejected` masks are zero where a pixel is kept, otherwise an OR of `Reject` flags.
+- `rejected` masks (uint16) are zero where a pixel is kept, otherwise an OR of `Reject` flags.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 UInt8Array = npt.NDArray[np.uint8]
+UInt16Array = npt.NDArray[np.uint16]
 Int32Array = npt.NDArray[np.int32]
 
 Role = str  # "object", "reference", or what a pipeline names
@@ -52,6 +53,9 @@ class Reject(IntFlag):
     ISOLATED = 32
     DISCONTINUITY = 64
     OTHER = 128
+    HOT_PIXEL = 256
+    SHADOW = 512
+    REPEATED = 1024
 
 
 _id_lock = threading.Lock()
@@ -152,7 +156,11 @@ class PatternFrame:
     """What one projected frame is, enough to decode it.
 
     A sinusoid of `group` g is `A + B cos(2 pi u / period_px + initial_phase_rad + shift_rad)`, u the
-    projector column (orientation "columns") or row. Frames of one group differ in `shift_rad` only.
+    projector column (orientation "columns") or row. Frames of one group differ in `shift_rad` only. Other
+    styles have that sinusoid as their fundamental. `bit` numbers the bits of a Gray code from the coarsest, 0;
+    -1: no code. `inverted` frames show the complement. `level` is the frame's light over the sequence's
+    (several of them: high dynamic range). Frames of one `shot` are the channels of a single exposure and
+    share its pattern; -1: a shot of its own.
     """
 
     style: str
@@ -164,6 +172,10 @@ class PatternFrame:
     steps: int = 1
     group: int = 0
     channel: Channel = "white"
+    bit: int = -1
+    inverted: bool = False
+    level: float = 1.0
+    shot: int = -1
 
 
 @dataclass(frozen=True)
@@ -285,7 +297,8 @@ class PhaseMap(_Frozen):
 
     `kind` "wrapped" is in (-pi, pi]; "absolute" counts from the projector's first column or row, so
     that `u = (phase - initial_phase_rad) period_px / 2 pi`; "relative" is right up to a multiple of
-    2 pi for each connected region. `sigma_rad` is the standard deviation from the sensor's noise.
+    2 pi for each connected region. `sigma_rad` is the standard deviation from the sensor's noise,
+    `confidence` how many standard deviations of that noise the fringe order is from being a wrong one.
     `wrapped_rad` is the finest wrapped phase, where a decoder was asked to keep it; `difference_to`
     names the reference's frame set where the phase is a difference. `projector_px` is the projector's
     width for columns, its height for rows; 0 where unknown.
@@ -294,7 +307,7 @@ class PhaseMap(_Frozen):
     phase_rad: Float32Array
     modulation: Float32Array
     background: Float32Array
-    rejected: UInt8Array
+    rejected: UInt16Array
     kind: PhaseKind
     period_px: float
     orientation: Orientation = "columns"
@@ -303,6 +316,7 @@ class PhaseMap(_Frozen):
     wrapped_rad: Float32Array | None = None
     difference_to: str = ""
     projector_px: int = 0
+    confidence: Float32Array | None = None
     id: str = ""
     scan: str = ""
     provenance: Provenance = field(default_factory=Provenance)
@@ -311,9 +325,8 @@ class PhaseMap(_Frozen):
         shape = self.phase_rad.shape
         if len(shape) != 2:
             raise DataError(f"a phase map is (height, width); this one has shape {shape}")
-        _same_shape(
-            "phase map", shape, self.modulation, self.background, self.rejected, self.sigma_rad, self.wrapped_rad
-        )
+        _same_shape("phase map", shape, self.modulation, self.background, self.rejected)
+        _same_shape("phase map", shape, self.sigma_rad, self.wrapped_rad, self.confidence)
 
 
 @dataclass(frozen=True)
@@ -337,12 +350,33 @@ class Lens(_Frozen):
 
 
 @dataclass(frozen=True)
+class PhaseErrorTable(_Frozen):
+    """What the projector's tone curve adds to a wrapped phase of `steps` steps: `error_rad` (n,) float64.
+
+    Entry i holds for the phase `2 pi i / n - pi`; a decoder subtracts it. It is right for fringes of
+    `period_px` and the grey levels that it was measured with, and only where the light is blurred alike.
+    """
+
+    steps: int
+    period_px: float
+    error_rad: Float64Array
+
+    def _check(self) -> None:
+        if self.error_rad.ndim != 1 or len(self.error_rad) < 8 or self.steps < 3:
+            raise DataError(
+                f"a phase error table has 3 or more steps and 8 or more entries; this one has {self.steps} steps and "
+                f"errors of shape {self.error_rad.shape}"
+            )
+
+
+@dataclass(frozen=True)
 class Calibration(_Frozen):
     """Everything that turns phase into millimetres.
 
     `T_projector_camera` (4, 4) takes camera points to the projector's frame. `reference_plane`
     (nx, ny, nz, d): n . X = d in the camera's frame, n towards the camera. `tone_curve` (256,) is the
-    relative light for each grey level, 0 to 1. `source` is "exact-simulated" for the simulator's own.
+    relative light for each grey level, 0 to 1. `crosstalk` (3, 3) has the response of camera channels R, G, B
+    (rows) to the projector's (columns). `source` is "exact-simulated" for the simulator's own.
     """
 
     camera: Lens
@@ -352,6 +386,8 @@ class Calibration(_Frozen):
     source: str
     reference_plane: Float64Array | None = None
     tone_curve: Float64Array | None = None
+    crosstalk: Float64Array | None = None
+    phase_errors: tuple[PhaseErrorTable, ...] = ()
     residuals: Mapping[str, float] = field(default_factory=dict)
     id: str = ""
     provenance: Provenance = field(default_factory=Provenance)
@@ -359,6 +395,8 @@ class Calibration(_Frozen):
     def _check(self) -> None:
         if self.T_projector_camera.shape != (4, 4):
             raise DataError(f"T_projector_camera has shape {self.T_projector_camera.shape}; expected (4, 4)")
+        if self.crosstalk is not None and self.crosstalk.shape != (3, 3):
+            raise DataError(f"crosstalk has shape {self.crosstalk.shape}; expected (3, 3), camera by projector channel")
 
     @property
     def hash(self) -> str:
@@ -382,7 +420,7 @@ class RangeImage(_Frozen):
     """
 
     xyz_mm: Float32Array
-    rejected: UInt8Array
+    rejected: UInt16Array
     intensity: UInt8Array
     sigma_mm: Float32Array | None = None
     calibration: str = ""

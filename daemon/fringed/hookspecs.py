@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 import pluggy
 
-from fringed.data import CameraSettings, Float64Array, Mesh, PatternSequence, Product
+from fringed.data import Array, CameraSettings, Float64Array, FrameSet, Mesh, PatternSequence, Product
 
 API_VERSION = 1
 PROJECT = "fringed"
@@ -76,6 +76,41 @@ class Processor(Protocol):
 
     def run(self, inputs: Mapping[str, Any], params: Any, context: Context) -> Product:
         """Return a new product of type `output`; raise DataError for inputs that cannot be meant."""
+        ...
+
+
+@dataclass(frozen=True)
+class FrameSetStart:
+    """What is known of a frame set before its first frame; frames will be `shape` (height, width) of `dtype`."""
+
+    sequence: PatternSequence
+    settings: CameraSettings
+    shape: tuple[int, int]
+    dtype: str
+    role: str = "object"
+
+
+class FrameSink(Protocol):
+    """The state of one run that takes its frames while they arrive."""
+
+    def add(self, index: int, image: Array) -> None:
+        """Take frame `index`, `(height, width)`, read-only and valid for this call only; in the frames' order."""
+
+    def finish(self, frame_set: FrameSet, context: Context) -> Product:
+        """Return what `run` would have returned for the finished set; called once, after every frame."""
+        ...
+
+
+@runtime_checkable
+class StreamingProcessor(Protocol):
+    """A Processor of one FrameSet that can begin before the set is complete.
+
+    The host may call `run` instead, as it does for recorded sets; both return the same. A set that is
+    retaken begins anew.
+    """
+
+    def begin(self, start: FrameSetStart, params: Any, context: Context) -> FrameSink:
+        """Return the empty sum; raise DataError for a sequence that cannot be decoded."""
         ...
 
 

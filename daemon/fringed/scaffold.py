@@ -99,7 +99,7 @@ class Decoder:
         sine = np.tensordot(np.sin(shifts), frames, 1)
         cosine = np.tensordot(np.cos(shifts), frames, 1)
         modulation = 2 / len(patterns) * np.hypot(sine, cosine)
-        rejected = np.where(modulation < params.min_modulation_dn, Reject.LOW_MODULATION, 0).astype(np.uint8)
+        rejected = np.where(modulation < params.min_modulation_dn, Reject.LOW_MODULATION, 0).astype(np.uint16)
         return PhaseMap(
             phase_rad=np.where(rejected, np.nan, np.arctan2(-sine, cosine)).astype(np.float32),
             modulation=modulation.astype(np.float32),

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
-from fringed_plugins.phase_decoders import MultiFrequencyDecoder, PhaseShiftDecoder
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEncoder
-from fringed_plugins.unwrap_processor import UnwrapDifference
+from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.decoders.unwrapping import UnwrapDifference
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 
 
 @hookimpl

@@ -101,7 +101,7 @@ class Triangulate:
         matrix = np.array([[8.0, 0, 3.5], [0, 8.0, 3.5], [0, 0, 1]])
         lens, transform, zeros = Pinhole(8, 8, matrix, np.zeros(5)), np.eye(4), np.zeros((8, 8), np.float32)
         transform[0, 3] = -1.0
-        mask = np.zeros((8, 8), np.uint8)
+        mask = np.zeros((8, 8), np.uint16)
         axis = projector_axis(lens, transform, "columns")
         triangulate(zeros, mask, lens, axis, (8.0, 0.0), sigma_rad=zeros, background=zeros, threads=1)
 

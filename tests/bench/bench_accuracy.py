@@ -24,8 +24,8 @@ from fringed.devices.projector.sim import SimulatedProjector
 from fringed.hookspecs import ProjectorTarget
 from fringed.simulation.rig import SimulatedRig
 from fringed.testing import RecordingContext
-from fringed_plugins.phase_decoders import MultiFrequencyDecoder
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder
+from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder
 from fringed_plugins.triangulation_plugin import Triangulate
 
 SCENES: dict[str, dict[str, Any]] = {

@@ -21,9 +21,9 @@ from fringed.hookspecs import ProjectorTarget
 from fringed.simulation.optics import exact_calibration
 from fringed.testing import RecordingContext
 from fringed.workers.memory import keep_freed_pages
+from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 from fringed_plugins.parallel import thread_count
-from fringed_plugins.phase_decoders import MultiFrequencyDecoder, PhaseShiftDecoder
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEncoder
 from fringed_plugins.triangulation_plugin import Triangulate
 from fringed_plugins.unwrap.spatial import unwrap
 

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from fringed.data import FrameSet, PatternFrame, PatternSequence, PhaseMap, RangeImage
+from fringed.data import FrameSet, PatternFrame, PatternSequence, PhaseErrorTable, PhaseMap, RangeImage
 from fringed.errors import DataError, VersionMismatch, WireError
 from fringed.messages import Pixels, Reply, Request
 from fringed.wire import DTYPES, KINDS, checksum, decode, encode, peek, prepare
@@ -119,13 +119,17 @@ def shaped(name: str, shapes: dict[str, tuple[int, ...]]) -> Any:
 
 
 LENS = get_type_hints(KINDS["Calibration"])["camera"]
-PHASE_IMAGES = "phase_rad modulation background rejected sigma_rad wrapped_rad"
+PHASE_IMAGES = "phase_rad modulation background rejected sigma_rad wrapped_rad confidence"
 SHAPED: dict[Any, Any] = {
     PatternSequence: sequences,
     FrameSet: frame_sets,
     LENS: shaped("Lens", {"matrix": (3, 3), "distortion": (5,)}),
+    PhaseErrorTable: lambda: st.builds(
+        PhaseErrorTable, steps=st.integers(3, 99), period_px=st.floats(), error_rad=arrays.arrays(float, 8)
+    ),
     KINDS["Calibration"]: shaped(
-        "Calibration", {"T_projector_camera": (4, 4), "reference_plane": (4,), "tone_curve": (256,)}
+        "Calibration",
+        {"T_projector_camera": (4, 4), "reference_plane": (4,), "tone_curve": (256,), "crosstalk": (3, 3)},
     ),
     PhaseMap: shaped("PhaseMap", images(PHASE_IMAGES)),
     RangeImage: shaped("RangeImage", images("rejected intensity sigma_mm", xyz_mm=(3, 2, 3))),
@@ -353,7 +357,7 @@ def test_contradictory_content_is_refused_as_a_wire_error() -> None:
 def test_arrays_of_another_declared_type_are_kept_only_where_no_value_is_lost() -> None:
     zeros = np.zeros((2, 3))
     image = PhaseMap(zeros, zeros, zeros, np.zeros((2, 3), bool), "wrapped", 8.0)
-    assert (image.phase_rad.dtype, image.rejected.dtype) == (np.float32, np.uint8)
-    for wrong in (np.full((2, 3), 256), np.full((2, 3), 0.5), np.full((2, 3), -1)):
+    assert (image.phase_rad.dtype, image.rejected.dtype) == (np.float32, np.uint16)
+    for wrong in (np.full((2, 3), 65536), np.full((2, 3), 0.5), np.full((2, 3), -1)):
         with pytest.raises(DataError, match=r"PhaseMap\.rejected is of type"):
             PhaseMap(zeros, zeros, zeros, wrong, "wrapped", 8.0)

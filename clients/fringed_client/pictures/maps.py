@@ -19,13 +19,16 @@ from fringed_client.pictures.figures import INK, PAPER, colour_bar, figure, labe
 _REASONS = {
     Reject.KEPT: ("kept", "#dfe8e3"),
     Reject.SATURATED: ("saturated", "#d1495b"),
-    Reject.LOW_MODULATION: ("low modulation: shadow or backdrop", "#30363d"),
+    Reject.LOW_MODULATION: ("low modulation: dark, shadow or backdrop", "#30363d"),
     Reject.FRINGE_ORDER: ("fringe order contradicts", "#e8a33d"),
     Reject.RESIDUAL: ("no sinusoid fits", "#8e5ea2"),
     Reject.OUT_OF_RANGE: ("out of range", "#2e86ab"),
     Reject.ISOLATED: ("isolated", "#6ca965"),
     Reject.DISCONTINUITY: ("depth edge", "#c9693c"),
     Reject.OTHER: ("other", "#9c9c9c"),
+    Reject.HOT_PIXEL: ("hot pixel", "#f06ab2"),
+    Reject.SHADOW: ("shadow: light without fringes", "#5b6770"),
+    Reject.REPEATED: ("repeats a projector pixel", "#a3c4dc"),
 }
 
 
@@ -97,7 +100,7 @@ def draw_modulation(path: Path, phase: PhaseMap) -> Path:
 def draw_mask(path: Path, rejected: Array, simulated: bool) -> Path:
     """Draw which pixels were kept, and why the others were not, with each reason's share."""
     height, width = rejected.shape
-    first = np.where(rejected == 0, 0, rejected & -rejected.astype(np.int16)).astype(np.uint8)  # lowest flag
+    first = np.where(rejected == 0, 0, rejected & -rejected.astype(np.int32)).astype(np.uint16)  # lowest flag
     present = [reason for reason in _REASONS if (first == reason).any()]
     codes = np.searchsorted([int(r) for r in present], first)
     drawn = figure(7.6, 7.6 * 0.80 * height / width + 0.95)

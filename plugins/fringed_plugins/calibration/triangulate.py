@@ -17,6 +17,7 @@ from fringed_plugins.parallel import run_rows
 
 Float32Array = npt.NDArray[np.float32]
 UInt8Array = npt.NDArray[np.uint8]
+UInt16Array = npt.NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,13 @@ class Points(NamedTuple):
 
     xyz_mm: Float32Array
     sigma_mm: Float32Array
-    rejected: UInt8Array
+    rejected: UInt16Array
     intensity: UInt8Array
 
 
 def triangulate(
     phase_rad: Float32Array,
-    rejected: UInt8Array,
+    rejected: UInt16Array,
     camera: Pinhole,
     axis: Axis,
     fringes: tuple[float, float],
@@ -73,7 +74,7 @@ def triangulate(
     shape = phase_rad.shape
     rays = camera_rays(camera, threads)
     depth, sigma_mm = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    flags, intensity = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    flags, intensity = np.empty(shape, np.uint16), np.empty(shape, np.uint8)
     xyz = np.empty((*shape, 3), np.float32)
     surfaces = kernel.Surfaces(
         fringes[0] / (2 * np.pi), float(fringes[1]), float(tolerances.near_mm), float(tolerances.far_mm)
@@ -116,7 +117,7 @@ def _sample(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return image[::step, ::step]
 
 
-def _brightness(background: Float32Array, rejected: UInt8Array) -> np.float32:
+def _brightness(background: Float32Array, rejected: UInt16Array) -> np.float32:
     """Return the factor that brings nearly the brightest kept pixel to 255."""
     sample = _sample(background)[_sample(rejected) == 0]
     white = float(np.percentile(sample, 99.5)) if sample.size else 0.0

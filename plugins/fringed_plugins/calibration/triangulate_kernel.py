@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-_OUT_OF_RANGE = np.uint8(16)
-_DISCONTINUITY = np.uint8(64)
-_LOW_MODULATION = np.uint8(2)
+_OUT_OF_RANGE = np.uint16(16)
+_DISCONTINUITY = np.uint16(64)
+_LOW_MODULATION = np.uint16(2)
 _NAN = np.float32(np.nan)
 _ZERO = np.float32(0.0)
 _options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
@@ -107,7 +107,7 @@ def _mask(ray: Any, solved: Any, given: Any, surfaces: Any, out: Any) -> None:
     for i in range(z.size):
         x, y = np.float64(rays_x[i]), np.float64(rays_y[i])
         inside = z[i] > surfaces.near_mm and z[i] < surfaces.far_mm
-        lost = _OUT_OF_RANGE if flags[i] == 0 and not inside else np.uint8(0)
+        lost = _OUT_OF_RANGE if flags[i] == 0 and not inside else np.uint16(0)
         kept = inside and flags[i] == 0
         depth[i] = np.float32(z[i]) if kept else _NAN
         length = np.sqrt(1 + x * x + y * y)
@@ -169,7 +169,7 @@ def _write(ray: Any, depth: Any, smooth: Any, xyz: Any, out: Any) -> None:
         alone = along[i] * across[i] == _ZERO
         unsure = sigma[i] > most_mm
         flag = _DISCONTINUITY if alone else _LOW_MODULATION
-        rejected[i] |= flag if (alone or unsure) and rejected[i] == 0 else np.uint8(0)
+        rejected[i] |= flag if (alone or unsure) and rejected[i] == 0 else np.uint16(0)
         z = _NAN if alone or unsure else depth[i]
         sigma[i] = _NAN if alone or unsure else sigma[i]
         xyz[i, 0] = rays_x[i] * z

@@ -47,14 +47,14 @@ class Thresholds:
 
 
 class Decoded(NamedTuple):
-    """Arrays of `(height, width)`: float32 and the uint8 mask; `wrapped_rad` is (0, 0) unless asked for."""
+    """Arrays of `(height, width)`: float32 and the uint16 mask; `wrapped_rad` is (0, 0) unless asked for."""
 
     phase_rad: Float32Array
     sigma_rad: Float32Array
     modulation: Float32Array
     background: Float32Array
     wrapped_rad: Float32Array
-    rejected: npt.NDArray[np.uint8]
+    rejected: npt.NDArray[np.uint16]
 
 
 def decode(
@@ -93,7 +93,7 @@ def decode(
         modulation=np.empty(shape, np.float32),
         background=np.empty(shape, np.float32),
         wrapped_rad=np.empty(shape if keep_wrapped else (0, 0), np.float32),
-        rejected=np.empty(shape, np.uint8),
+        rejected=np.empty(shape, np.uint16),
     )
     stack = frames.view()
     stack.flags.writeable = False  # one compiled kernel for read-only and writable frames

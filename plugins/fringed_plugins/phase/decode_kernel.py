@@ -166,7 +166,7 @@ def _pictures(work: Any, flags: Any, modulation: Any, background: Any, rejected:
     for x in range(a.size):
         modulation[x] = np.sqrt(b2[x])
         background[x] = a[x]
-        rejected[x] = np.uint8(flags[x])
+        rejected[x] = np.uint16(flags[x])
 
 
 @njit(**_options)

@@ -74,9 +74,9 @@ def _find(start: int, stop: int, fields: Any, found: Any, limits: Any) -> None:
         for x in range(width):  # the pixel itself was counted
             alone = counts[x] < least + np.float32(1)
             glows = holes[x] > np.float32(0) and modulation[y, x] < glow * brightest[x]
-            flag = np.uint8(ISOLATED) if alone else np.uint8(0)
-            flag |= np.uint8(DISCONTINUITY) if glows else np.uint8(0)
-            flag = flag if rejected[y, x] == 0 else np.uint8(0)
+            flag = np.uint16(ISOLATED) if alone else np.uint16(0)
+            flag |= np.uint16(DISCONTINUITY) if glows else np.uint16(0)
+            flag = flag if rejected[y, x] == 0 else np.uint16(0)
             rejected[y, x] |= flag
             hits += 1 if flag > 0 else 0
         found[y] = hits
@@ -93,7 +93,7 @@ def _blank(start: int, stop: int, phase: Any, rejected: Any, found: Any) -> None
 def drop_strays(
     phase_rad: npt.NDArray[np.float32],
     modulation: npt.NDArray[np.float32],
-    rejected: npt.NDArray[np.uint8],
+    rejected: npt.NDArray[np.uint16],
     limits: tuple[float, int, float],
     threads: int = 0,
 ) -> None:

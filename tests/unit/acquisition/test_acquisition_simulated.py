@@ -12,7 +12,7 @@ from fringed.devices.camera.sim import SimulatedCamera
 from fringed.devices.projector.sim import SimulatedProjector
 from fringed.hookspecs import ProjectorTarget
 from fringed.simulation.rig import SimulatedRig
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder
 
 SETTINGS = CameraSettings(exposure_us=8333.333, channel="green")
 

@@ -11,12 +11,12 @@ from fringe_truth import columns, intensities, run, seen, wrapped
 from fringed.data import CameraSettings, FrameSet, Reject
 from fringed.errors import DataError
 from fringed.hookspecs import ProjectorTarget
+from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.decode import Thresholds, decode
 from fringed_plugins.phase.noise import NoiseModel, estimate_noise
 from fringed_plugins.phase.shifts import Group
-from fringed_plugins.phase_decoders import MultiFrequencyDecoder, PhaseShiftDecoder
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEncoder
 
 TARGET = ProjectorTarget(1024, 768)
 QUIET = NoiseModel(1e-6, 0.0)

@@ -11,10 +11,10 @@ from fringe_truth import columns, run, seen, wrapped
 from fringed.data import Reject
 from fringed.errors import DataError
 from fringed.hookspecs import ProjectorTarget
-from fringed_plugins.phase_decoders import MultiFrequencyDecoder, PhaseShiftDecoder
-from fringed_plugins.phase_encoders import MultiFrequencyEncoder, PhaseShiftEncoder
+from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.decoders.unwrapping import UnwrapDifference
+from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 from fringed_plugins.unwrap.spatial import unwrap
-from fringed_plugins.unwrap_processor import UnwrapDifference
 
 
 def hill(height=120, width=160, top=40.0):

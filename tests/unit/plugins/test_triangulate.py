@@ -38,7 +38,7 @@ def phase_map(calibration, xyz, orientation="columns", initial=0.0, **fields):
         "phase_rad": phase,
         "modulation": np.full(shape, 80, np.float32),
         "background": np.full(shape, 100, np.float32),
-        "rejected": np.where(np.isnan(phase), Reject.LOW_MODULATION, 0).astype(np.uint8),
+        "rejected": np.where(np.isnan(phase), Reject.LOW_MODULATION, 0).astype(np.uint16),
         "kind": "absolute",
         "period_px": PERIOD,
         "orientation": orientation,
@@ -141,7 +141,7 @@ def test_masks_are_carried_and_intensity_is_scaled_to_white():
     calibration = small_rig()
     xyz = points(calibration, relief())
     phase = phase_map(calibration, xyz)
-    rejected, values = np.zeros(xyz.shape[:2], np.uint8), phase.phase_rad.copy()
+    rejected, values = np.zeros(xyz.shape[:2], np.uint16), phase.phase_rad.copy()
     rejected[10:20, 10:20], values[10:20, 10:20] = Reject.SATURATED, np.nan
     light = np.full(xyz.shape[:2], 40, np.float32)
     light[:, 80:] = 80
@@ -198,7 +198,7 @@ def test_everything_masked_gives_nothing_and_no_crash():
     calibration = small_rig()
     empty = np.full((120, 160), np.nan, np.float32)
     phase = phase_map(calibration, points(calibration, relief()), phase_rad=empty,
-                      rejected=np.ones((120, 160), np.uint8))  # fmt: skip
+                      rejected=np.ones((120, 160), np.uint16))  # fmt: skip
     result = run(Triangulate, {"phase": phase, "calibration": calibration})
     assert np.isnan(result.xyz_mm).all()
 

@@ -56,12 +56,12 @@ class CarreDecoder:
         phase = np.angle(np.exp(1j * (phase - middle)))
         dark = ~(modulation >= params.min_modulation_dn)
         saturated = frame_set.frames.max(axis=0) == np.iinfo(frame_set.frames.dtype).max
-        rejected = dark * np.uint8(Reject.LOW_MODULATION) | saturated * np.uint8(Reject.SATURATED)
+        rejected = dark * np.uint16(Reject.LOW_MODULATION) | saturated * np.uint16(Reject.SATURATED)
         return PhaseMap(
             phase_rad=np.where(rejected, np.nan, phase).astype(np.float32),
             modulation=np.nan_to_num(modulation).astype(np.float32),
             background=background.astype(np.float32),
-            rejected=rejected.astype(np.uint8),
+            rejected=rejected.astype(np.uint16),
             kind="wrapped",
             period_px=patterns[0].period_px,
             orientation=patterns[0].orientation,

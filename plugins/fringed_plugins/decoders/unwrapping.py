@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from fringed import __version__, hookspecs
-from fringed.data import Float32Array, PhaseMap, Reject, UInt8Array
+from fringed.data import Float32Array, PhaseMap, Reject, UInt16Array
 from fringed.errors import DataError
 from fringed.hookspecs import Context
 
@@ -66,9 +66,9 @@ class UnwrapDifference:
         modulation = np.minimum(reference.modulation, body.modulation)
         context.progress(0.1, "unwrapping")
         result = unwrap(_wrapped(difference), modulation, params.min_region_px, context.threads)
-        rejected: UInt8Array = reference.rejected | body.rejected
+        rejected: UInt16Array = reference.rejected | body.rejected
         lost = (rejected == 0) & ~np.isfinite(result.phase_rad)
-        rejected = rejected | np.where(lost, np.uint8(Reject.ISOLATED), np.uint8(0))
+        rejected = rejected | np.where(lost, np.uint16(Reject.ISOLATED), np.uint16(0))
         sizes = ", ".join(f"{size} px" for size in result.sizes[:5])
         context.log("info", f"{len(result.sizes)} connected regions: {sizes or 'nothing left'}")
         return PhaseMap(

@@ -1,0 +1,1 @@
+"""Encoders: thin wrappers that turn parameters into a PatternSequence with the arithmetic of `phase`."""
