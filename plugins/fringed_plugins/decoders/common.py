@@ -17,7 +17,7 @@ from fringed.errors import DataError
 from fringed.hookspecs import Params
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.decode import Decoded, Thresholds
+    from fringed_plugins.phase.decoded import Decoded, Thresholds
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 
@@ -101,7 +101,7 @@ def full_scale_dn(frame_set: FrameSet) -> float:
 
 def thresholds(frame_set: FrameSet, params: DecoderParams) -> Thresholds:
     """Return the thresholds in the frames' own grey levels."""
-    from fringed_plugins.phase.decode import Thresholds
+    from fringed_plugins.phase.decoded import Thresholds
 
     full = full_scale_dn(frame_set)
     return Thresholds(

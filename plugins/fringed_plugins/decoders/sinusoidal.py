@@ -27,7 +27,7 @@ from fringed_plugins.decoders.common import (
 )
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.decode import Decoded, Thresholds
+    from fringed_plugins.phase.decoded import Decoded, Thresholds
     from fringed_plugins.phase.shifts import Group
 
 
@@ -176,7 +176,8 @@ def _decode(
 
 def warm_up_kernels() -> None:
     """Compile or load the decoding kernels for 8-bit frames."""
-    from fringed_plugins.phase.decode import Thresholds, decode
+    from fringed_plugins.phase.decode import decode
+    from fringed_plugins.phase.decoded import Thresholds
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 

@@ -7,54 +7,20 @@ frame is comes as `shifts.Group`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.phase import decode_kernel, neighbours
+from fringed_plugins.phase import decode_kernel
+from fringed_plugins.phase.cleaning import clean
+from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import Group, degrees_of_freedom, phase_variance_factor, plan
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """When a pixel is dropped; each can be switched off by its extreme value.
-
-    `modulation_dn` and `modulation_snr` bound the modulation of every frequency from below, absolute and
-    over the noise of one frame; `residual` bounds the misfit to a sinusoid as a part of the modulation,
-    over what six sigma of noise explain; `order_turns` the difference between the phase that a coarser
-    frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
-    `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
-    24 neighbours must be alike, within half a period; `border_glow` the modulation over the brightest
-    neighbour's below which a pixel at the border of what is lit shows that neighbour's light.
-    """
-
-    saturation_dn: float = float("inf")
-    modulation_dn: float = 3.0
-    modulation_snr: float = 5.0
-    residual: float = 0.1
-    order_turns: float = 0.3
-    modulation_drop: float = 0.0
-    edge_px: float = 0.5
-    similar_neighbours: int = 6
-    border_glow: float = 0.4
-
-
-class Decoded(NamedTuple):
-    """Arrays of `(height, width)`: float32 and the uint16 mask; `wrapped_rad` is (0, 0) unless asked for."""
-
-    phase_rad: Float32Array
-    sigma_rad: Float32Array
-    modulation: Float32Array
-    background: Float32Array
-    wrapped_rad: Float32Array
-    rejected: npt.NDArray[np.uint16]
 
 
 def decode(
@@ -99,9 +65,7 @@ def decode(
     stack.flags.writeable = False  # one compiled kernel for read-only and writable frames
     limits = _limits(groups, noise, thresholds, size_px)
     run_rows(decode_kernel.decode_rows, shape[0], stack, plan(groups), limits, out, threads=threads)
-    if thresholds.similar_neighbours > 0 or thresholds.border_glow > 0:
-        strays = (_alike_rad(groups[-1], size_px, shape), thresholds.similar_neighbours, thresholds.border_glow)
-        neighbours.drop_strays(out.phase_rad, out.modulation, out.rejected, strays, threads)
+    clean(out, groups[-1], thresholds, size_px, threads)
     return out
 
 
@@ -131,17 +95,6 @@ def _limits(
         "initial_rad": last.initial_rad,
     }
     return decode_kernel.Limits(**{name: np.float32(n) for name, n in numbers.items()}, absolute=absolute)
-
-
-def _alike_rad(group: Group, size_px: int | None, shape: tuple[int, ...]) -> float:
-    """Return how much neighbours may differ: half a period, or more where the camera is coarser than the fringes.
-
-    A wrapped phase tells only that there is a neighbour.
-    """
-    if size_px is None:
-        return float(2 * np.pi + 1e-3)
-    per_pixel_rad = 2 * np.pi * size_px / group.period_px / max(min(shape), 1)
-    return float(max(np.pi, 2.5 * per_pixel_rad))
 
 
 def _chi_square_limit(dof: int) -> float:

@@ -14,7 +14,8 @@ from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 from fringed_plugins.phase.arctangent import fast_atan2
-from fringed_plugins.phase.decode import Thresholds, decode
+from fringed_plugins.phase.decode import decode
+from fringed_plugins.phase.decoded import Thresholds
 from fringed_plugins.phase.noise import NoiseModel, estimate_noise
 from fringed_plugins.phase.shifts import Group
 
