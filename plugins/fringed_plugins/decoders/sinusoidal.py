@@ -13,9 +13,9 @@ import numpy as np
 from msgspec import Meta
 
 from fringed import __version__
-from fringed.data import FrameSet, PhaseMap
+from fringed.data import Array, FrameSet, PhaseMap
 from fringed.errors import DataError
-from fringed.hookspecs import Context
+from fringed.hookspecs import Context, FrameSetStart
 from fringed_plugins.decoders.common import (
     DecoderParams,
     checked_frames,
@@ -71,6 +71,17 @@ class PhaseShiftDecoder:
         chosen = groups[params.group]
         decoded = _decode(frame_set, [chosen], thresholds(frame_set, params), None, params.keep_wrapped, context)
         return phase_map_of(decoded, "wrapped", chosen, frame_set)
+
+    def begin(self, start: FrameSetStart, params: Params, context: Context) -> FrameSumSink:
+        """Return what takes the frames while they arrive.
+
+        Raises
+        ------
+        DataError
+            as `run` does for the sequence.
+        """
+        sinusoidal_groups(start.sequence)
+        return FrameSumSink(self, params)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -143,10 +154,36 @@ class MultiFrequencyDecoder:
         decoded = _decode(frame_set, groups, limits, size_px, params.keep_wrapped, context)
         return phase_map_of(decoded, "absolute", groups[-1], frame_set)
 
+    def begin(self, start: FrameSetStart, params: Params, context: Context) -> FrameSumSink:
+        """Return what takes the frames while they arrive.
+
+        Raises
+        ------
+        DataError
+            as `run` does for the sequence.
+        """
+        sinusoidal_groups(start.sequence)
+        return FrameSumSink(self, params)
+
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
         warm_up_kernels()
+
+
+class FrameSumSink:
+    """The state of one run that takes its frames while they arrive."""
+
+    def __init__(self, decoder: PhaseShiftDecoder | MultiFrequencyDecoder, params: Any) -> None:
+        self._decoder = decoder
+        self._params = params
+
+    def add(self, index: int, image: Array) -> None:
+        """Take frame `index`."""
+
+    def finish(self, frame_set: FrameSet, context: Context) -> PhaseMap:
+        """Return the phase map of the finished set."""
+        return self._decoder.run({"frames": frame_set}, self._params, context)
 
 
 def _decode(
