@@ -39,6 +39,11 @@ def examples() -> dict[str, tuple[Any, str, int]]:
         ID, (messages.StageCall("phase", "processor", "phase-shift", {"steps": 3}, {"frames": "object"}),),
         {"object": frame_set, "calibration": calibration}, "hierarchical",
     )  # fmt: skip
+    fed = messages.FedSet(ID, "object", "scan", stamps, data.CameraSettings(), check, 1, made)
+    fed_job = messages.Job(ID, job.stages, {"object": fed, "calibration": calibration}, "hierarchical", "scan")
+    feed = messages.FeedBegin(
+        ID, "scan", "object", ("object",), job.stages, sequence, data.CameraSettings(), 2, 3, "uint16"
+    )
     idle = messages.DeviceState("IDLE", "sim", "simulated camera")
     state = messages.StationState("simulated", "0.1", 42, 1.5, True, False, "rig-1", "", idle, idle)
     scan = messages.ScanState(ID, "done", "hierarchical", 1.0, products=({"id": ID, "kind": "RangeImage"},))
@@ -57,6 +62,12 @@ def examples() -> dict[str, tuple[Any, str, int]]:
         "event": (messages.Event("scan.progress", "2026-01-02T03:04:05Z", "info", "half", {"done": 0.5}), "event", 11),
         "preview": (messages.Preview(image, "object", 1, 3, ID), "preview", 12),
         "job": (job, "", 0),
+        "job-of-a-fed-set": (fed_job, "", 0),
+        "feed-begin": (feed, "", 0),
+        "feed-frame": (messages.FeedFrame(ID, 1, frames[1]), "", 0),
+        "feed-drop": (messages.FeedDrop(ID, "its set is taken again"), "", 0),
+        "feed-taken": (messages.FeedTaken(ID, 2), "", 0),
+        "feed-lost": (messages.FeedLost(ID, "its set is taken again", "job"), "", 0),
         "job-failed": (messages.JobFailed(ID, "phase", error, False), "", 0),
         "worker-ready": (
             messages.WorkerReady("w1", 43, 1, (messages.PluginInfo("phase", "fringed", "0.1", 1),)),

@@ -1,10 +1,6 @@
-"""What client, daemon and worker say to each other, as frozen dataclasses.
+"""What a client and the daemon say to each other, and what the daemon tells everybody.
 
-Owns the vocabulary of the three sockets; `wire` turns it into bytes. Knows no socket.
-
-control: `Request` -> `Reply`.  stream: `StationState`, `Event`, `Preview`, and every recorded type.
-work: `WorkerReady`, `WorkerAlive`, `JobProgress`, `StageDone`, `JobDone`, `JobFailed` -> `Job`,
-`JobCancel`, `StageTaken`, `WorkerStop`.
+Owns the messages of `control` and `stream`; knows no socket.
 """
 
 from __future__ import annotations
@@ -162,136 +158,7 @@ class ScanState:
 
 
 @dataclass(frozen=True)
-class StageCall:
-    """One step of a job: which plug-in, with which parameters, on which named inputs.
-
-    `inputs` maps the plug-in's input names to job inputs or earlier stages; a name left out is
-    matched by type. `keep` records its product too.
-    """
-
-    name: str
-    kind: Literal["processor", "encoder", "exporter", "scene"]
-    plugin: str
-    params: Mapping[str, Any] = field(default_factory=dict)
-    inputs: Mapping[str, str] = field(default_factory=dict)
-    keep: bool = True
-
-
-@dataclass(frozen=True)
-class Job:
-    """Work for one worker; `inputs` holds data objects by name, `pipeline` names it for people."""
-
-    id: str
-    stages: tuple[StageCall, ...]
-    inputs: Mapping[str, Any] = field(default_factory=dict)
-    pipeline: str = ""
-    scan: str = ""
-    simulated: bool = False
-    replayed: bool = False
-    attempt: int = 1
-
-
-@dataclass(frozen=True)
-class JobCancel:
-    """Stop that job at its next check."""
-
-    job: str
-
-
-@dataclass(frozen=True)
-class StageTaken:
-    """That stage's product is recorded and announced: a worker that held others back may send them."""
-
-    job: str
-    stage: str
-
-
-@dataclass(frozen=True)
-class WorkerStop:
-    """Finish and go."""
-
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class PluginInfo:
-    """One loaded or broken plug-in. `provides` maps hooks to names, `error` tells why it is broken."""
-
-    name: str
-    distribution: str
-    version: str
-    api_version: int
-    provides: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    error: str = ""
-
-
-@dataclass(frozen=True)
-class WorkerReady:
-    """A worker asks for `credits` jobs."""
-
-    worker: str
-    pid: int
-    credits: int = 1
-    plugins: tuple[PluginInfo, ...] = ()
-    schemas: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class WorkerAlive:
-    """A sign of life, sent each second by the worker's own I/O thread."""
-
-    worker: str
-    job: str = ""
-
-
-@dataclass(frozen=True)
-class JobProgress:
-    """How far a job is, 0 to 1, and in which stage; a `fraction` below 0 marks a line for the log."""
-
-    job: str
-    fraction: float
-    text: str = ""
-    level: Literal["debug", "info", "warning", "error"] = "info"
-    stage: str = ""
-
-
-@dataclass(frozen=True)
-class StageDone:
-    """One stage's product (None where `keep` is off), and how long it took."""
-
-    job: str
-    stage: str
-    seconds: float
-    product: Any = None
-
-
-@dataclass(frozen=True)
-class JobDone:
-    """Every stage has answered."""
-
-    job: str
-    seconds: float = 0.0
-
-
-@dataclass(frozen=True)
-class JobFailed:
-    """A stage raised; `retry` tells whether trying again can help."""
-
-    job: str
-    stage: str
-    error: ErrorInfo
-    retry: bool = True
-
-
-@dataclass(frozen=True)
 class Pixels(_Frozen):
     """A bare array, for whoever asks for one."""
 
     array: Array
-
-
-MESSAGES: tuple[type, ...] = (
-    Request, Reply, ErrorInfo, StationState, DeviceState, LeaseState, WorkerState, QuarantineEntry, Event,
-    Preview, ScanState, StageCall, Job, JobCancel, StageTaken, WorkerStop, PluginInfo, WorkerReady, WorkerAlive,
-    JobProgress, StageDone, JobDone, JobFailed, Pixels,
-)  # fmt: skip
