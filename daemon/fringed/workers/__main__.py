@@ -68,7 +68,9 @@ def _serve(args: argparse.Namespace, threads: int) -> int:
     link.start()
     skip = dict(item.partition("=")[::2] for item in args.skip)
     folders = tuple(args.plugin_folder)
-    Host(HostOptions(args.name, threads, args.memory_mb, folders, skip, not args.no_warm_up), link, note).run()
+    local = args.endpoint.startswith("ipc:")  # through a network, frames would delay what else the station sends
+    options = HostOptions(args.name, threads, args.memory_mb, folders, skip, not args.no_warm_up, feeds=local)
+    Host(options, link, note).run()
     context.destroy(linger=2000)
     return 0
 

@@ -18,6 +18,8 @@ from fringed.data import RECORDED
 from fringed.errors import Quarantined, UsageError
 from fringed.messages import (
     ErrorInfo,
+    FeedLost,
+    FeedTaken,
     Job,
     JobCancel,
     JobDone,
@@ -29,6 +31,7 @@ from fringed.messages import (
     WorkerReady,
     WorkerStop,
 )
+from fringed.workers.feeding import Feeding
 from fringed.workers.jobs import Entry, Limits, Watcher, pipeline_of, subject_of
 from fringed.workers.quarantine import Quarantine
 from fringed.workers.roster import Peer, Roster
@@ -48,11 +51,13 @@ class Dispatcher:
         self._queue: deque[str] = deque()
         self._outbox: list[tuple[str, Any]] = []
         self._condemned: list[tuple[str, str]] = []
+        self.feeding = Feeding(self.peers, lambda *addressed: self._outbox.append(addressed), self.counters)
 
     def set_limits(self, limits: Limits) -> None:
         """Apply changed limits to whatever comes from now on."""
         self.limits = limits
         self.quarantine.attempts = limits.attempts
+        self.feeding.forgive()
 
     # What others ask.
 
@@ -136,17 +141,21 @@ class Dispatcher:
             peer.heard_s = now
         if isinstance(message, WorkerReady):
             self._ready(worker, message, now)
-        elif isinstance(message, (WorkerAlive, JobProgress, StageDone, JobDone, JobFailed)):
+        elif isinstance(message, (WorkerAlive, JobProgress, StageDone, JobDone, JobFailed, FeedTaken, FeedLost)):
             if peer is None:
                 self.counters["stray"] += 1
                 self._outbox.append((worker, WorkerStop("this station does not know that worker (any more)")))
             elif isinstance(message, WorkerAlive):
                 self._outbox.append((worker, message))  # tells the worker that somebody is there
+            elif isinstance(message, FeedTaken):
+                self.feeding.taken(worker, message, now)
+            elif isinstance(message, FeedLost):
+                self._feed_lost(peer, message, now)
             else:
                 self._job_message(peer, message, now)
         else:
             kind = type(message).__name__
-            allowed = "WorkerReady, WorkerAlive, JobProgress, StageDone, JobDone, JobFailed"
+            allowed = "WorkerReady, WorkerAlive, JobProgress, StageDone, JobDone, JobFailed, FeedTaken, FeedLost"
             self.malformed(worker, f"a {kind} came to the work socket; it takes {allowed}", kind != "ErrorInfo")
 
     def malformed(self, worker: str, problem: str, answer: bool = True) -> None:
@@ -161,14 +170,11 @@ class Dispatcher:
         if peer is None:
             return
         self.counters["workers_lost"] += 1
+        self.feeding.gone(worker, blame and not peer.jobs)
         entries = [self._entries[job] for job in peer.jobs]
         blamed = 1 if blame else 0
         for entry in reversed(entries[blamed:]):
-            if entry.stop == "cancelled":
-                self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
-            else:
-                entry.unassign()
-                self._queue.appendleft(entry.job.id)
+            self._requeue(entry, reason)
         for entry in entries[:blamed]:
             if entry.stop == "cancelled":
                 self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
@@ -178,6 +184,9 @@ class Dispatcher:
 
     def tick(self, now: float) -> None:
         """Notice silence and overtime."""
+        for worker, reason in self.feeding.late(now, self.limits.job_timeout_s):
+            if worker in self.peers and not self.peers[worker].jobs:
+                self._condemn(self.peers[worker], f"{reason}; killed", now)
         for peer in list(self.peers.values()):
             if now - peer.heard_s > self.limits.silence_s:
                 self._condemn(peer, f"was silent for {now - peer.heard_s:.1f} s", now)
@@ -197,6 +206,22 @@ class Dispatcher:
             self.lost(worker, "started anew", now)
         self.peers.join(Peer.of(ready, worker, now))
         self._assign(now)
+
+    def _feed_lost(self, peer: Peer, lost: FeedLost, now: float) -> None:
+        self.feeding.lost(peer.name, lost)
+        if lost.job in peer.jobs:  # it refers to frames that are not there: no fault of the job
+            entry = self._entries[lost.job]
+            self._release(peer, entry, now)
+            self._requeue(entry, "lost the frames that it was fed")
+        self._assign(now)
+
+    def _requeue(self, entry: Entry, reason: str) -> None:
+        """Give it to whoever is free, first of all; nobody is to blame."""
+        if entry.stop == "cancelled":
+            self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
+        else:
+            entry.unassign()
+            self._queue.appendleft(entry.job.id)
 
     def _job_message(self, peer: Peer, message: JobMessage, now: float) -> None:
         if message.job not in peer.jobs:
@@ -318,7 +343,8 @@ class Dispatcher:
             if refused is not None:
                 self._finish(entry, refused, True)
                 continue
-            peer = self.peers.choose(entry.job, entry.avoid)
+            self.feeding.settle(entry.job, now)
+            peer = self.peers.choose(entry.job, entry.avoid, self.feeding.rank)
             if peer is not None:
                 self._queue.remove(job)
                 self._give(peer, entry, now)
@@ -328,4 +354,4 @@ class Dispatcher:
         if not peer.jobs:
             entry.started_s = now
         peer.jobs.append(entry.job.id)
-        self._outbox.append((peer.name, entry.job))
+        self._outbox.append((peer.name, self.feeding.claim(entry.job, peer.name, now)))

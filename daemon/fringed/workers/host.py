@@ -15,15 +15,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fringed.errors import Cancelled, FringedError, PluginError
+from fringed.errors import Cancelled, DataError, FringedError, PluginError
 from fringed.loading import Catalogue, load_plugins
-from fringed.messages import ErrorInfo, Job, JobDone, JobFailed, JobProgress, StageCall, StageDone, WorkerReady
+from fringed.messages import (
+    ErrorInfo,
+    FedSet,
+    FeedBegin,
+    FeedFrame,
+    FeedLost,
+    FeedTaken,
+    Job,
+    JobDone,
+    JobFailed,
+    JobProgress,
+    StageDone,
+    WorkerReady,
+)
 from fringed.workers.context import JobContext
 from fringed.workers.describe import schemas_of
-from fringed.workers.link import Link
+from fringed.workers.intake import Intake
+from fringed.workers.link import FeedMessage, Link
 from fringed.workers.memory import resident_mb
 from fringed.workers.resolve import Pool
-from fringed.workers.stages import run_stage
+from fringed.workers.stages import Early, run_stage
 
 _TRACE_LINES = 12
 _TAKEN_S = 1.0  # how long other products wait for the last one to be announced
@@ -40,6 +54,7 @@ class HostOptions:
     folders: tuple[Path, ...] = ()
     skip: Mapping[str, str] = field(default_factory=dict)
     warm_up: bool = True
+    feeds: bool = False  # take frames while they arrive
 
 
 class Host:
@@ -50,6 +65,7 @@ class Host:
         self._link = link
         self._note = note
         self._catalogue = Catalogue()
+        self._intake = Intake(self._catalogue, options.threads, note)
         self._leaving = False
 
     def run(self) -> None:
@@ -57,15 +73,18 @@ class Host:
         self._catalogue = load_plugins(
             self._options.folders, skip=self._options.skip, before=lambda name: self._note(f"loading plug-in {name}")
         )
+        self._intake = Intake(self._catalogue, self._options.threads, self._note)
         self._note("")
         plugins = tuple(self._catalogue.plugins)
-        ready = WorkerReady(self._options.name, os.getpid(), 1, plugins, schemas_of(self._catalogue))
-        self._link.send(ready)
+        schemas = schemas_of(self._catalogue)
+        self._link.send(WorkerReady(self._options.name, os.getpid(), 1, plugins, schemas, self._options.feeds))
         cold = self._cold() if self._options.warm_up else []
         while not (self._leaving or self._link.stopping):
-            job = self._link.next_job(timeout_s=0.0 if cold else None)
-            if job is not None:
-                self._work(job)
+            work = self._link.next_work(timeout_s=0.0 if cold else None)
+            if isinstance(work, Job):
+                self._work(work)
+            elif work is not None:
+                self._feed(work)
             elif cold and not self._link.stopping:
                 self._warm_up(cold.pop(0))
         if self._leaving:
@@ -87,15 +106,48 @@ class Host:
         _log.debug("warmed up %s in %.2f s", cls.name, time.perf_counter() - begun_s)
         self._note("")
 
+    def _feed(self, message: FeedMessage) -> None:
+        """Take what comes of a set before its job; a feed that makes no sense is forgotten, the job comes whole."""
+        try:
+            if isinstance(message, FeedBegin):
+                self._intake.begin(message)
+                answer: FeedTaken | FeedLost = FeedTaken(message.feed, 0)
+            elif isinstance(message, FeedFrame):
+                answer = FeedTaken(message.feed, self._intake.add(message))
+            else:
+                self._intake.drop(message.feed)
+                answer = FeedLost(message.feed, message.reason)
+        except (DataError, MemoryError) as error:
+            self._intake.drop(message.feed)
+            answer = FeedLost(message.feed, str(error))
+        self._link.send(answer)
+
+    def _inputs(self, job: Job) -> tuple[dict[str, Any], dict[str, Early]] | None:
+        """Return the job's inputs, fed ones in their places, and the stages that have begun; None where one is lost."""
+        inputs, early = dict(job.inputs), {}
+        for name, value in job.inputs.items():
+            if isinstance(value, FedSet):
+                try:
+                    inputs[name], begun = self._intake.claim(value)
+                except DataError as error:
+                    self._link.send(FeedLost(value.id, error.message, job.id))
+                    return None
+                early.update(begun)
+        return inputs, early
+
     def _work(self, job: Job) -> None:
         begun_s = time.perf_counter()
         held: list[StageDone] = []
         name = ""
+        given = self._inputs(job)
+        if given is None:
+            return
+        inputs, early = given
         try:
-            pool = Pool(job.inputs)
+            pool = Pool(inputs)
             for index, stage in enumerate(job.stages):
                 name = stage.name
-                held.append(self._stage(job, index, stage, pool))
+                held.append(self._stage(job, index, pool, early.pop(name, None)))
                 self._check_memory(name)
             seconds = time.perf_counter() - begun_s
             self._link.send(held.pop())
@@ -107,14 +159,15 @@ class Host:
         finally:
             self._note("")
 
-    def _stage(self, job: Job, index: int, stage: StageCall, pool: Pool) -> StageDone:
+    def _stage(self, job: Job, index: int, pool: Pool, early: Early | None) -> StageDone:
+        stage = job.stages[index]
         self._note(f"stage {stage.name}")
         place = (job.id, stage.name, index, len(job.stages))
         context = JobContext(self._link.send, lambda: self._link.cancelled(job.id), self._options.threads, place)
         context.check_cancelled()
         self._link.send(JobProgress(job.id, index / len(job.stages), stage.name, "info", stage.name))
         begun_s = time.perf_counter()
-        product = run_stage(self._catalogue, job, stage, pool, context)
+        product = run_stage(self._catalogue, job, stage, pool, context, early)
         seconds = time.perf_counter() - begun_s
         pool.made[stage.name] = product
         return StageDone(job.id, stage.name, seconds, product if stage.keep else None)

@@ -1,7 +1,8 @@
 """The worker's end of the work socket: its own thread, so that a busy worker still gives signs of life.
 
-Owns the DEALER socket, heartbeat, cancellation flags and the queue of jobs; knows nothing of plug-ins. The main
-thread takes jobs with `next_job` and hands over encoded messages with `send`; arrays are not copied.
+Owns the DEALER socket, heartbeat, cancellation flags and the queue of work; knows nothing of plug-ins. The main
+thread takes work with `next_work` and hands over encoded messages with `send`; arrays are not copied. Of a set that
+is fed, at most its frames wait here; those of a set that is dropped are forgotten at once.
 """
 
 from __future__ import annotations
@@ -19,10 +20,24 @@ import zmq
 
 from fringed import wire
 from fringed.errors import WireError
-from fringed.messages import ErrorInfo, Job, JobCancel, JobFailed, StageTaken, WorkerAlive, WorkerStop
+from fringed.messages import (
+    ErrorInfo,
+    FeedBegin,
+    FeedDrop,
+    FeedFrame,
+    FeedLost,
+    Job,
+    JobCancel,
+    JobFailed,
+    StageTaken,
+    WorkerAlive,
+    WorkerStop,
+)
 
 HEARTBEAT_S = 1.0
 SILENCE_S = 15.0
+
+FeedMessage = FeedBegin | FeedFrame | FeedDrop
 
 _log = logging.getLogger(__name__)
 
@@ -37,7 +52,9 @@ class Link:
         self._silence_s = silence_s
         self._socket = socket
         self._on_gone = on_gone
-        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._work: queue.SimpleQueue[Job | FeedBegin | FeedDrop | str | None] = queue.SimpleQueue()
+        self._frames: dict[str, deque[FeedFrame]] = {}  # of each feed; its id is queued once for each
+        self._idle = False
         self._outbox: deque[list[Any]] = deque()
         self._cancelled: set[str] = set()
         self._current = ""
@@ -55,16 +72,29 @@ class Link:
         self._outbox.append(wire.encode(message))
         os.eventfd_write(self._wake, 1)
 
-    def next_job(self, timeout_s: float | None = None) -> Job | None:
-        """Wait for a job; None when the time is over or the station said stop."""
+    def next_work(self, timeout_s: float | None = None) -> Job | FeedMessage | None:
+        """Wait for a job or something of a feed; None when the time is over or the station said stop.
+
+        Feeds begin only while this waits without a time: whoever warms up or works would fall behind.
+        """
         self._current = ""
+        self._idle = timeout_s is None
         try:
-            job = self._jobs.get(timeout=timeout_s)
+            work = self._get(timeout_s)
         except queue.Empty:
             return None
-        self._taken.clear()
-        self._current = job.id if job else ""
-        return job
+        if isinstance(work, Job):
+            self._idle = False
+            self._taken.clear()
+            self._current = work.id
+        return work
+
+    def _get(self, timeout_s: float | None) -> Job | FeedMessage | None:
+        while isinstance(work := self._work.get(timeout=timeout_s), str):
+            frames = self._frames.get(work)
+            if frames:
+                return frames.popleft()
+        return work
 
     def wait_taken(self, timeout_s: float) -> None:
         """Wait until a product of the current job is recorded and announced, or the time is over."""
@@ -128,7 +158,10 @@ class Link:
             self._refuse(frames, error)
             return
         if isinstance(message, Job):
-            self._jobs.put(message)
+            self._work.put(message)
+            self._frames = {feed: frames for feed, frames in self._frames.items() if frames}
+        elif isinstance(message, (FeedBegin, FeedFrame, FeedDrop)):
+            self._feed(message)
         elif isinstance(message, JobCancel):
             self._cancelled.add(message.job)
             self._taken.set()
@@ -139,9 +172,23 @@ class Link:
             _log.info("sent home: %s", message.reason)
             self._stopping.set()
             self._taken.set()
-            self._jobs.put(None)
+            self._work.put(None)
         elif isinstance(message, ErrorInfo):
             _log.error("the station answered: %s: %s", message.code, message.message)
+
+    def _feed(self, message: FeedMessage) -> None:
+        if isinstance(message, FeedFrame):
+            if message.feed in self._frames:
+                self._frames[message.feed].append(message)
+                self._work.put(message.feed)
+        elif isinstance(message, FeedDrop):
+            self._frames.pop(message.feed, None)
+            self._work.put(message)
+        elif self._idle:
+            self._frames[message.feed] = deque()
+            self._work.put(message)
+        else:
+            self._outbox.append(wire.encode(FeedLost(message.feed, "its worker is busy")))
 
     def _refuse(self, frames: list[Any], error: WireError) -> None:
         """Answer a job that was damaged on its way, as far as it can be told which one it was."""

@@ -6,11 +6,11 @@ Owns one record for each; starts and ends none.
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from fringed.messages import Job, PluginInfo, WorkerReady
+from fringed.messages import Job, PluginInfo, StageCall, WorkerReady
 
 _log = logging.getLogger(__name__)
 
@@ -25,6 +25,7 @@ class Peer:
     heard_s: float
     plugins: tuple[PluginInfo, ...]
     schemas: Mapping[str, Any]
+    takes_feeds: bool = False
     jobs: list[str] = field(default_factory=list)
     done: int = 0
 
@@ -32,16 +33,16 @@ class Peer:
     def of(cls, ready: WorkerReady, name: str, now: float) -> Peer:
         """Return the record of a worker that just said READY."""
         schemas = {kind: table for kind, table in ready.schemas.items() if isinstance(table, Mapping)}
-        return cls(name, ready.pid, min(ready.credits, 64), now, ready.plugins, schemas)
+        return cls(name, ready.pid, min(ready.credits, 64), now, ready.plugins, schemas, ready.feeds)
 
     @property
     def credits(self) -> int:
         """How many more jobs it takes."""
         return max(0, self.capacity - len(self.jobs))
 
-    def provides(self, job: Job) -> bool:
-        """Tell whether it has every plug-in that the job needs."""
-        return all(stage.plugin in self.schemas.get(stage.kind, ()) for stage in job.stages)
+    def provides(self, stages: Iterable[StageCall]) -> bool:
+        """Tell whether it has every plug-in that the stages need."""
+        return all(stage.plugin in self.schemas.get(stage.kind, ()) for stage in stages)
 
 
 class Roster(dict[str, Peer]):
@@ -59,12 +60,16 @@ class Roster(dict[str, Peer]):
                 self._told.add((info.name, info.error))
                 _log.warning("the plug-in %s (%s) is broken: %s", info.name, info.distribution, info.error[-500:])
 
-    def choose(self, job: Job, avoid: str) -> Peer | None:
-        """Return a worker with a free credit and the plug-ins, rather not `avoid`; None where all are busy."""
-        able: Iterable[Peer] = [peer for peer in self.values() if peer.provides(job)]
+    def choose(self, job: Job, avoid: str, rank: Callable[[str, Job], int]) -> Peer | None:
+        """Return a worker with a free credit and the plug-ins, rather not `avoid`; None where all are busy.
+
+        `rank` tells how fit a worker is: 0 not at all, 3 before everybody else.
+        """
+        able: Iterable[Peer] = [peer for peer in self.values() if peer.provides(job.stages)]
         able = able or self.values()  # nobody has the plug-in: let one tell which there are
-        free = [peer for peer in able if peer.credits > 0]
-        return max(free, key=lambda peer: (peer.name != avoid, peer.credits), default=None)
+        ranked = [(rank(peer.name, job), peer) for peer in able if peer.credits > 0]
+        fit = [(rank == 3, peer.name != avoid, rank, peer.credits, peer) for rank, peer in ranked if rank]
+        return max(fit, key=lambda one: one[:4])[-1] if fit else None
 
     def plugins(self) -> tuple[PluginInfo, ...]:
         """Return what the workers loaded, each plug-in once, sorted; a broken one only where none works."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from typing import Any, Union
 
@@ -22,9 +22,9 @@ import numpy as np
 
 from fringed import __version__
 from fringed.config import validate
-from fringed.data import Artifact, Calibration, Mesh, PatternSequence, Provenance, new_id
+from fringed.data import Artifact, Calibration, FrameSet, Mesh, PatternSequence, Provenance, new_id
 from fringed.errors import DataError, PluginError
-from fringed.hookspecs import Context, ProjectorTarget
+from fringed.hookspecs import Context, FrameSink, ProjectorTarget
 from fringed.loading import Catalogue
 from fringed.messages import Job, StageCall
 from fringed.workers.resolve import Pool, resolve, type_name
@@ -32,8 +32,23 @@ from fringed.workers.resolve import Pool, resolve, type_name
 _STATION_ID = re.compile(r"(.+Z-)([0-9a-f]{4})")
 
 
-def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, context: Context) -> Any:
-    """Return the stage's product, its identity and provenance filled in.
+@dataclass(frozen=True)
+class Early:
+    """A stage that took the frames of a set while they arrived."""
+
+    call: StageCall
+    sink: FrameSink
+    frame_set: FrameSet
+
+    def fits(self, stage: StageCall, inputs: Mapping[str, Any]) -> bool:
+        """Tell whether it was told what it is asked for now: the same call, of that set and nothing else."""
+        return self.call == stage and [id(value) for value in inputs.values()] == [id(self.frame_set)]
+
+
+def run_stage(
+    catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, context: Context, early: Early | None = None
+) -> Any:
+    """Return the stage's product, its identity and provenance filled in; `early` has begun it.
 
     Raises
     ------
@@ -50,7 +65,10 @@ def run_stage(catalogue: Catalogue, job: Job, stage: StageCall, pool: Pool, cont
     params = validate(stage.params, cls.Params, f"{stage.name}.params")
     plugin = cls()
     inputs = _inputs(plugin, stage, pool)
-    product = _CALLS[stage.kind](plugin, inputs, params, context)
+    if early is not None and early.fits(stage, inputs):
+        product: Any = early.sink.finish(early.frame_set, context)
+    else:
+        product = _CALLS[stage.kind](plugin, inputs, params, context)
     expected = {"processor": getattr(cls, "output", None), "encoder": PatternSequence, "scene": Mesh}.get(stage.kind)
     if expected is not None and not isinstance(product, expected):
         raise PluginError(

@@ -56,7 +56,7 @@ def test_signs_of_life_follow_ready_and_name_the_job(station):
     assert isinstance(wire.decode(station.socket.recv_multipart()[1:]).content, WorkerReady)
     assert station.hear(WorkerAlive) == WorkerAlive("w", "")
     station.say(*wire.encode(JOB))
-    assert link.next_job(5.0) == JOB
+    assert link.next_work(5.0) == JOB
     assert station.hear(WorkerAlive) == WorkerAlive("w", "j")
     link.close()
 
@@ -67,7 +67,7 @@ def test_cancellation_is_of_one_job(station):
     station.hear(WorkerReady)
     station.say(*wire.encode(JobCancel("j")))
     station.say(*wire.encode(JOB))
-    assert link.next_job(5.0) == JOB
+    assert link.next_work(5.0) == JOB
     assert link.cancelled("j")
     assert not link.cancelled("k")
     link.close()
@@ -91,7 +91,7 @@ def test_nonsense_is_survived(station):
     for nonsense in ([b""], [b"", b"{"], [b"x", b"y", b"z"]):
         station.say(*nonsense)
     station.say(*wire.encode(JOB))
-    assert link.next_job(5.0) == JOB
+    assert link.next_work(5.0) == JOB
     link.close()
 
 
@@ -100,7 +100,7 @@ def test_stop_ends_the_wait_for_jobs(station):
     link.send(WorkerReady("w", 1))
     station.hear(WorkerReady)
     station.say(*wire.encode(WorkerStop("good night")))
-    assert link.next_job(5.0) is None
+    assert link.next_work(5.0) is None
     assert link.stopping
     link.close()
 
