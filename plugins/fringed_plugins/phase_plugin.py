@@ -10,18 +10,33 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
+from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.decoders.unwrapping import UnwrapDifference
+from fringed_plugins.encoders.fourier import FourierEncoder
+from fringed_plugins.encoders.one_shot import ColourBarsEncoder, OneShotFrequenciesEncoder, OneShotPhaseShiftEncoder
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 
 
 @hookimpl
 def register_patterns() -> Sequence[type[Any]]:
     """Return the encoders."""
-    return (PhaseShiftEncoder, MultiFrequencyEncoder)
+    return (
+        PhaseShiftEncoder,
+        MultiFrequencyEncoder,
+        FourierEncoder,
+        ColourBarsEncoder,
+        OneShotFrequenciesEncoder,
+        OneShotPhaseShiftEncoder,
+    )
 
 
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the decoders and the unwrapping."""
-    return (PhaseShiftDecoder, MultiFrequencyDecoder, UnwrapDifference)
+    return (
+        PhaseShiftDecoder,
+        MultiFrequencyDecoder,
+        UnwrapDifference,
+        FourierDecoder,
+    )

@@ -1,0 +1,191 @@
+"""Fourier-transform profilometry: the phase of one frame from the band around its carrier.
+
+Owns the filter, the background that is estimated along with it, and the masks. The carrier runs along the second
+axis, rising to the right. Takes plain arrays; knows no contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import fft
+
+from fringed_plugins.parallel import thread_count
+from fringed_plugins.phase.bands import Band, noise_gain, smooth
+from fringed_plugins.phase.noise import NoiseModel
+
+Array = npt.NDArray[Any]
+Float32Array = npt.NDArray[np.float32]
+BoolArray = npt.NDArray[np.bool_]
+
+SATURATED, LOW_MODULATION, RESIDUAL, OTHER = (np.uint16(flag) for flag in (1, 2, 8, 128))
+_MARGIN_PERIODS = 3  # beyond the borders: what leaks around the transform's circle stays there
+
+
+class Analytic(NamedTuple):
+    """The filtered fringes: `cosine` + i `sine` = modulation exp(i phase), their background and q of the noise."""
+
+    cosine: Float32Array
+    sine: Float32Array
+    background: Float32Array
+    noise_gain: float
+
+
+class SingleFrame(NamedTuple):
+    """Arrays (height, width): wrapped phase and its standard deviation (NaN where dropped), the rest everywhere."""
+
+    phase_rad: Float32Array
+    sigma_rad: Float32Array
+    modulation: Float32Array
+    background: Float32Array
+    rejected: npt.NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class FrameLimits:
+    """When a pixel of a single frame is dropped.
+
+    `modulation_dn` and `modulation_snr` bound the fringes' amplitude from below; `misfit` bounds what the filter
+    leaves of the fringes within about a period, as a part of the modulation, noise taken off; `support` how much of
+    the filter's surroundings must have been measured.
+    """
+
+    modulation_dn: float = 3.0
+    modulation_snr: float = 2.0
+    misfit: float = 0.35
+    support: float = 0.75
+
+
+def _nothing(fraction: float) -> None:
+    """Report to nobody."""
+
+
+def analytic_signal(
+    frame: Float32Array,
+    valid: BoolArray,
+    band: Band,
+    background: Float32Array | None = None,
+    iterations: int = 3,
+    *,
+    threads: int = 0,
+    report: Callable[[float], None] = _nothing,
+) -> Analytic:
+    """Return the fringes of `frame` (height, width) within `band` as cosine and sine of their phase.
+
+    Where nothing was measured (`valid` False, and beyond the borders) the fringes are continued: each iteration
+    filters, puts the filtered fringes there, and takes the background anew from what the filter leaves of the
+    frame. A `background` that was measured is kept.
+
+    References
+    ----------
+    Takeda & Mutoh 1983, equations 8 to 12; Roddier & Roddier 1987 (continuation by iterated filtering).
+
+    Examples
+    --------
+    >>> u = np.arange(128) / 16.0 + np.zeros((64, 1))
+    >>> frame = (100 + 50 * np.cos(2 * np.pi * u)).astype(np.float32)
+    >>> found = analytic_signal(frame, np.ones(frame.shape, bool), Band(1 / 16, 0.0, 0.04, 0.04))
+    >>> error = np.angle((found.cosine + 1j * found.sine) * np.exp(-2j * np.pi * u))
+    >>> bool(np.abs(error[:, 20:-20]).max() < 0.01)
+    True
+    """
+    height, width = frame.shape
+    workers = thread_count(threads)
+    shape = _padded(frame.shape, band)
+    window = band.window(shape)
+    period = max(round(band.period_px), 2)
+    weight = valid.astype(np.float32)
+    share = smooth(weight, period)
+    light = _first_background(frame * weight, share, period) if background is None else background
+    canvas = np.zeros(shape, np.float32)
+    canvas[:height, :width] = np.where(valid, frame - light, 0)
+    for step in range(iterations + 1):
+        spectrum = fft.rfft2(canvas, workers=workers, overwrite_x=True)
+        spectrum *= window
+        canvas = fft.irfft2(spectrum, shape, workers=workers)
+        report((step + 1) / (iterations + 2))
+        cosine = canvas[:height, :width]
+        if step < iterations:
+            if background is None:
+                light = smooth((frame - cosine) * weight, period) / np.maximum(share, 1e-6)
+            canvas[:height, :width] = np.where(valid, frame - light, cosine)
+    spectrum *= np.complex64(-1j)
+    sine = fft.irfft2(spectrum, shape, workers=workers, overwrite_x=True)[:height, :width]
+    return Analytic(cosine, sine, light, noise_gain(window, shape[1]))
+
+
+def _padded(shape: tuple[int, ...], band: Band) -> tuple[int, int]:
+    """Return a size that transforms fast, with room for the filter's reach."""
+    margin = int(_MARGIN_PERIODS * band.period_px)
+    return fft.next_fast_len(shape[0] + margin, real=True), fft.next_fast_len(shape[1] + margin, real=True)
+
+
+def _first_background(masked: Float32Array, share: Float32Array, period: int) -> Float32Array:
+    """Return the mean over whole periods; near the border that of the last whole one."""
+    light = smooth(masked, period) / np.maximum(share, 1e-6)
+    inner = min(period, (masked.shape[1] - 1) // 2)
+    light[:, :inner] = light[:, inner : inner + 1]
+    light[:, light.shape[1] - inner :] = light[:, -inner - 1 : light.shape[1] - inner]
+    return light
+
+
+def lit(frame: Float32Array, saturated: BoolArray, band: Band, least_dn: float) -> BoolArray:
+    """Return where fringes of at least `least_dn` can be seen: what the filter may take as measured."""
+    period = max(round(band.period_px), 2)
+    weight = (~saturated).astype(np.float32)
+    share = np.maximum(smooth(weight, period), 1e-6)
+    fringes = (frame - smooth(frame * weight, period) / share) * weight
+    power = 2 * smooth(fringes * fringes, period) / share
+    return np.asarray((power >= least_dn**2) & ~saturated)
+
+
+def single_frame(
+    found: Analytic, frame: Float32Array, valid: BoolArray, saturated: BoolArray, band: Band, *,
+    noise: NoiseModel, limits: FrameLimits = FrameLimits(), frame_variances: float = 1.0, shift_rad: float = 0.0,
+) -> SingleFrame:  # fmt: skip
+    """Return phase, noise, modulation and mask of the filtered fringes.
+
+    `frame_variances` is the variance of `frame` over that of one exposure: 1/2 for half the difference of two, 2
+    for a difference. `shift_rad` is taken off the phase. The standard deviation is
+    `sigma_frame sqrt(q) / modulation`, q the window's noise bandwidth (`bands.noise_gain`); neighbouring pixels
+    share their noise.
+    """
+    period = max(round(band.period_px), 2)
+    modulation = np.hypot(found.cosine, found.sine)
+    variance = noise.constant_dn2 + noise.slope_dn * np.maximum(found.background, 0)
+    variance = (frame_variances * variance).astype(np.float32)
+    weight = valid.astype(np.float32)
+    share = smooth(weight, period)
+    left = (frame - found.background - found.cosine) * weight
+    misfit = 2 * np.maximum(smooth(left * left, period) / np.maximum(share, 1e-6) - variance, 0)
+    least = np.maximum(limits.modulation_dn**2, limits.modulation_snr**2 * variance)
+    rejected = np.where(saturated, SATURATED, np.uint16(0))
+    rejected |= np.where((modulation**2 < least) | ~(valid | saturated), LOW_MODULATION, np.uint16(0))
+    rejected |= np.where(misfit > (limits.misfit * modulation) ** 2, RESIDUAL, np.uint16(0))
+    rejected |= np.where(share < limits.support, OTHER, np.uint16(0))
+    phase = np.arctan2(found.sine, found.cosine)
+    if shift_rad:
+        phase = phase - np.float32(shift_rad)
+        phase -= np.float32(2 * np.pi) * np.rint(phase / np.float32(2 * np.pi))
+    sigma = np.sqrt(np.float32(found.noise_gain) * variance) / np.maximum(modulation, np.float32(1e-6))
+    dropped = rejected != 0
+    phase = np.where(dropped, np.float32(np.nan), phase).astype(np.float32)
+    sigma = np.where(dropped, np.float32(np.nan), sigma).astype(np.float32)
+    return SingleFrame(phase, sigma, modulation, np.ascontiguousarray(found.background), rejected)
+
+
+def frame_noise(frame: Float32Array) -> NoiseModel:
+    """Estimate one frame's noise from second differences down its fringes, which they hardly change.
+
+    The median of all pixels: a constant, right for the typical brightness.
+    """
+    if frame.shape[0] < 3:
+        return NoiseModel(1.0, 0.0)
+    rows = frame[: min(len(frame), 3 * 128)] if len(frame) < 600 else frame[len(frame) // 4 : len(frame) // 4 + 384]
+    second = rows[:-2] - 2 * rows[1:-1] + rows[2:]
+    deviation = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6)
+    return NoiseModel(max(deviation**2, 1 / 12), 0.0)
