@@ -1,25 +1,31 @@
 """Capture folders: images that somebody captured, described by a small `capture.toml`.
 
-Owns the description (docs/capture-toml.md) and what it means as a PatternSequence; `capture_images` reads
-the images, `capture_write` writes such a folder.
+Owns the description (docs/capture-toml.md) and its checks. `capture_patterns` says what it means as a
+PatternSequence, `capture_plan` how it is processed, `capture_images` reads the images, `capture_write` writes such
+a folder.
 """
 
 from __future__ import annotations
 
-from math import pi
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
 from fringed.config import read_toml, validate
-from fringed.data import Channel, Orientation, PatternFrame, PatternSequence, UInt8Array
+from fringed.data import Channel, Orientation
 from fringed.errors import ConfigurationError, Problem
 
 DESCRIPTION = "capture.toml"
 Size = tuple[Annotated[int, Meta(ge=1, le=65536)], Annotated[int, Meta(ge=1, le=65536)]]
+Family = Literal[
+    "phase-shift", "multi-frequency", "heterodyne", "number-theoretic", "gray-code", "gray-phase-shift", "fourier",
+    "windowed-fourier", "unknown-shifts", "one-shot-phase-shift", "one-shot-frequencies",
+]  # fmt: skip
+Style = Literal["sinusoidal", "sawtooth", "triangular", "trapezoidal", "binary", "gray", "skip"]
+WRAPPED: tuple[Family, ...] = ("phase-shift", "fourier", "windowed-fourier", "unknown-shifts", "one-shot-phase-shift")
+SINGLE: tuple[Family, ...] = ("fourier", "windowed-fourier", "one-shot-frequencies")
 
 
 class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -29,13 +35,12 @@ class _Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 class CaptureTable(_Table, frozen=True, kw_only=True):
     """What holds for every set."""
 
-    family: Annotated[
-        Literal["phase-shift", "multi-frequency"], Meta(description="one group of fringes, or coarse to fine")
-    ] = "multi-frequency"
+    family: Annotated[Family, Meta(description="the fringe method, by the name of its decoder")] = "multi-frequency"
     orientation: Annotated[Orientation, Meta(description="what the phase counts: projector columns or rows")] = (
         "columns"
     )
     projector_px: Annotated[Size, Meta(description="width and height")] = (1024, 768)
+    images: Annotated[str, Meta(description="the folder of the images, relative to this one")] = "."
     channel: Annotated[
         Literal["red", "green", "blue", "mean"], Meta(description="which one of colour images is used")
     ] = "green"
@@ -44,6 +49,11 @@ class CaptureTable(_Table, frozen=True, kw_only=True):
     calibration: Annotated[str, Meta(description="a calibration file of this station's format, for XYZ")] = ""
     pipeline: Annotated[str, Meta(description="the station's pipeline; chosen by family and sets when empty")] = ""
     simulated: Annotated[bool, Meta(description="the images were rendered; every product says so")] = False
+
+    @property
+    def one_shot(self) -> bool:
+        """Whether every image is a colour image of three frames."""
+        return self.family.startswith("one-shot")
 
 
 class SensorTable(_Table, frozen=True, kw_only=True):
@@ -54,13 +64,21 @@ class SensorTable(_Table, frozen=True, kw_only=True):
 
 
 class GroupTable(_Table, frozen=True, kw_only=True):
-    """One frequency: N images that differ in phase only."""
+    """Images that belong together: N that differ in phase only, a Gray code's bits, or images without use."""
 
+    style: Annotated[Style, Meta(description="the profile of the fringes; gray: a code; skip: not used")] = "sinusoidal"
+    orientation: Annotated[Orientation, Meta(description="where it is not capture.orientation")] | None = None
     periods: Annotated[float, Meta(gt=0, le=65536, description="across the projector")] | None = None
     period_px: Annotated[float, Meta(gt=0, le=65536, description="instead of periods")] | None = None
-    steps: Annotated[int, Meta(ge=3, le=64)] = 4
+    steps: Annotated[int, Meta(ge=1, le=64)] = 4
     shifts_deg: Annotated[list[float], Meta(description="of each image; 360 k / steps when left out")] | None = None
     initial_phase_rad: float = 0.0
+    inverse: Annotated[bool, Meta(description="each image is followed by its complement")] = False
+    bits: Annotated[int, Meta(ge=1, le=16, description="of a Gray code, the coarsest first")] | None = None
+    cell_px: Annotated[float, Meta(gt=0, le=65536, description="width of a Gray code's cells")] | None = None
+    offset_px: Annotated[float, Meta(description="where the first cell begins")] = 0.0
+    white: Annotated[bool, Meta(description="an all-bright image follows the code")] = False
+    black: Annotated[bool, Meta(description="an all-dark image follows, after the bright one")] = False
 
 
 class CaptureDescription(_Table, frozen=True, kw_only=True):
@@ -70,6 +88,11 @@ class CaptureDescription(_Table, frozen=True, kw_only=True):
     group: Annotated[list[GroupTable], Meta(min_length=1, max_length=64)]
     capture: CaptureTable = CaptureTable()
     sensor: SensorTable | None = None
+
+    def orientations(self) -> list[Orientation]:
+        """Return what the groups count, each once, in their order."""
+        used = (group.orientation or self.capture.orientation for group in self.group if group.style != "skip")
+        return list(dict.fromkeys(used))
 
 
 def load_description(folder: Path) -> CaptureDescription:
@@ -87,88 +110,59 @@ def load_description(folder: Path) -> CaptureDescription:
             "(docs/capture-toml.md), or make a folder with `fringe simulate`"
         )
     described = validate(read_toml(path), CaptureDescription, "")
-    problems = [problem for index, group in enumerate(described.group) for problem in _problems(index, group)]
+    problems = [
+        problem
+        for index, group in enumerate(described.group)
+        for problem in _problems(f"group[{index}]", group, described.capture)
+    ]
+    problems += _wanting(described)
     if problems:
         raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)} in {path}:", tuple(problems))
     return described
 
 
-def _problems(index: int, group: GroupTable) -> list[Problem]:
+def _problems(place: str, group: GroupTable, capture: CaptureTable) -> list[Problem]:
+    if group.style == "skip":
+        return []
+    if group.style == "gray":
+        return _gray_problems(place, group)
     found = []
     if (group.periods is None) == (group.period_px is None):
         given = "both" if group.periods is not None else "neither"
-        found.append(Problem(f"group[{index}].periods", given, "either periods (across the projector) or period_px"))
+        found.append(Problem(f"{place}.periods", given, "either periods (across the projector) or period_px"))
     if group.shifts_deg is not None and len(group.shifts_deg) != group.steps:
-        found.append(
-            Problem(f"group[{index}].shifts_deg", f"{len(group.shifts_deg)} values", f"{group.steps}, one per step")
-        )
+        found.append(Problem(f"{place}.shifts_deg", f"{len(group.shifts_deg)} values", f"{group.steps}, one per step"))
+    least = 1 if capture.family in SINGLE else 3
+    if group.steps < least:
+        found.append(Problem(f"{place}.steps", str(group.steps), f">= {least} for family {capture.family!r}"))
+    if group.bits is not None or group.cell_px is not None:
+        found.append(Problem(f"{place}.bits", "a code's key", 'style = "gray" with it'))
     return found
 
 
-def sequence_of(described: CaptureDescription) -> PatternSequence:
-    """Return the sequence that the description stands for, its patterns computed from it."""
-    width, height = described.capture.projector_px
-    length = width if described.capture.orientation == "columns" else height
-    frames = [
-        frame for index, group in enumerate(described.group) for frame in _frames(described, index, group, length)
+def _gray_problems(place: str, group: GroupTable) -> list[Problem]:
+    found = [
+        Problem(f"{place}.{key}", "nothing", "what a Gray code needs: its bits and the width of its cells in px")
+        for key in ("bits", "cell_px")
+        if getattr(group, key) is None
     ]
-    return PatternSequence(
-        family=described.capture.family,
-        width_px=width,
-        height_px=height,
-        frames=tuple(frames),
-        patterns=tuple(_pattern(frame, length) for frame in frames),
-        encoder=DESCRIPTION,
-        parameters=msgspec.to_builtins(described.group[0]) | {"groups": len(described.group)},
-    )
+    if group.periods is not None or group.period_px is not None or group.shifts_deg is not None:
+        found.append(Problem(f"{place}.periods", "a key of sinusoids", "bits and cell_px in a group of style gray"))
+    return found
 
 
-def _frames(described: CaptureDescription, index: int, group: GroupTable, length: int) -> list[PatternFrame]:
-    period_px = group.period_px or length / float(group.periods or 1)
-    shifts = group.shifts_deg or [360.0 * step / group.steps for step in range(group.steps)]
-    return [
-        PatternFrame(
-            "sinusoidal",
-            described.capture.orientation,
-            period_px,
-            float(np.deg2rad(shift)),
-            group.initial_phase_rad,
-            step,
-            group.steps,
-            index,
-            described.capture.projected,
-        )
-        for step, shift in enumerate(shifts)
-    ]
-
-
-def _pattern(frame: PatternFrame, length: int) -> UInt8Array:
-    phase = 2 * pi * np.arange(length) / frame.period_px + frame.initial_phase_rad + frame.shift_rad
-    row: UInt8Array = np.rint(127.5 + 127.5 * np.cos(phase)).astype(np.uint8)
-    return row.reshape((1, -1, 1) if frame.orientation == "columns" else (-1, 1, 1))
-
-
-def pipeline_of(described: CaptureDescription, calibrated: bool) -> dict[str, Any]:
-    """Return the parameters of `process` that suit the sets: a pipeline, or only its phase without a calibration."""
-    roles = set(described.sets)
-    if described.capture.pipeline:
-        return {"pipeline": described.capture.pipeline}
-    if {"reference", "object"} <= roles:
-        return {"pipeline": "thesis"} if calibrated else {"stages": difference_stages(described.capture.family)}
-    if described.capture.family == "multi-frequency" and calibrated:
-        return {"pipeline": "hierarchical"}
-    return {"stages": [stage("phase", described.capture.family, {"frames": next(iter(described.sets))})]}
-
-
-def difference_stages(family: str) -> list[dict[str, Any]]:
-    """Return the stages that end with the phase difference of object and reference."""
-    return [
-        stage("wrapped-reference", family, {"frames": "reference"}),
-        stage("wrapped-object", family, {"frames": "object"}),
-        stage("phase", "unwrap-difference", {"reference": "wrapped-reference", "object": "wrapped-object"}),
-    ]
-
-
-def stage(name: str, plugin: str, inputs: dict[str, str]) -> dict[str, Any]:
-    """Return one stage of `process`."""
-    return {"name": name, "kind": "processor", "plugin": plugin, "inputs": inputs}
+def _wanting(described: CaptureDescription) -> list[Problem]:
+    """Return what the family needs and no group gives."""
+    family, styles = described.capture.family, [group.style for group in described.group]
+    coded = family.startswith("gray")
+    found = []
+    if coded != ("gray" in styles):
+        expected = 'a group of style "gray"' if coded else f"no Gray code in family {family!r}: use gray-phase-shift"
+        found.append(Problem("group", f"the styles {', '.join(dict.fromkeys(styles))}", expected))
+    if family != "gray-code" and not {"sinusoidal", "sawtooth", "triangular", "trapezoidal", "binary"} & set(styles):
+        found.append(Problem("group", "no fringes", f"a group of fringes for family {family!r}"))
+    if described.capture.one_shot:
+        frames = sum(group.steps * (1 + group.inverse) for group in described.group if group.style != "skip")
+        if frames % 3:
+            found.append(Problem("group", f"{frames} frames", "a multiple of 3: each colour image holds three"))
+    return found

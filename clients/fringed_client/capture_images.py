@@ -13,7 +13,8 @@ import numpy as np
 
 from fringed.data import Array, CameraSettings, FrameSet, Provenance
 from fringed.errors import ConfigurationError, Problem
-from fringed_client.capture import DESCRIPTION, CaptureDescription, load_description, sequence_of
+from fringed_client.capture import DESCRIPTION, CaptureDescription, load_description
+from fringed_client.capture_patterns import COLOURS, sequence_of, used_images
 
 _CHANNELS = {"blue": 0, "green": 1, "red": 2}  # OpenCV's order
 
@@ -29,11 +30,10 @@ def load_capture(folder: Path) -> tuple[CaptureDescription, dict[str, FrameSet]]
     described = load_description(folder)
     sequence = sequence_of(described)
     problems: list[Problem] = []
-    files = {
-        role: _files(folder, role, pattern, len(sequence.frames), problems) for role, pattern in described.sets.items()
-    }
-    images = {role: [_read(path, folder, described, problems) for path in paths] for role, paths in files.items()}
-    _compare(images, files, folder, problems)
+    used, place = used_images(described), folder / described.capture.images
+    files = {role: _files(place, role, pattern, used, problems) for role, pattern in described.sets.items()}
+    images = {role: [_read(path, place, described, problems) for path in paths] for role, paths in files.items()}
+    _compare(images, files, place, problems)
     if problems:
         raise ConfigurationError(
             f"{len(problems)} problem{'s' * (len(problems) > 1)} with the images of {folder / DESCRIPTION}:",
@@ -43,13 +43,21 @@ def load_capture(folder: Path) -> tuple[CaptureDescription, dict[str, FrameSet]]
     provenance = Provenance(plugin=DESCRIPTION, rig=str(folder.name), simulated=described.capture.simulated)
     return described, {
         role: FrameSet(
-            np.stack([i for i in kept if i is not None]), sequence, role, settings=settings, provenance=provenance
+            _stacked(kept, described.capture.one_shot), sequence, role, settings=settings, provenance=provenance
         )
         for role, kept in images.items()
     }
 
 
-def _files(folder: Path, role: str, pattern: str | list[str], wanted: int, problems: list[Problem]) -> list[Path]:
+def _stacked(images: list[Array | None], colour: bool) -> Array:
+    """Return the frames (n, height, width); a colour image gives three, red first."""
+    there = [image for image in images if image is not None]
+    if not colour:
+        return np.stack(there)
+    return np.stack([image[..., _CHANNELS[name]] for image in there for name in COLOURS])
+
+
+def _files(folder: Path, role: str, pattern: str | list[str], used: list[bool], problems: list[Problem]) -> list[Path]:
     if isinstance(pattern, list):
         files = [folder / name for name in pattern]
         problems += [
@@ -62,11 +70,14 @@ def _files(folder: Path, role: str, pattern: str | list[str], wanted: int, probl
     else:
         files = sorted((p for p in folder.glob(pattern) if p.is_file()), key=_natural)
         given = len(files)
+    wanted = len(used)
+    if given == wanted == len(files):
+        return [path for path, wants in zip(files, used, strict=True) if wants]
     if given != wanted:
         what = "missing" if given < wanted else "too many"
         problems.append(
             Problem(f"sets.{role}", f"{given} images ({pattern if isinstance(pattern, str) else 'listed'}), "
-                    f"{abs(wanted - given)} {what},", f"{wanted}: one for each step of each group")
+                    f"{abs(wanted - given)} {what},", f"{wanted}: one for each image of each group")
         )  # fmt: skip
     return files
 
@@ -86,6 +97,11 @@ def _read(path: Path, folder: Path, described: CaptureDescription, problems: lis
         return None
     if image.dtype not in (np.uint8, np.uint16):
         problems.append(Problem(name, f"{image.dtype} pixels", "8 or 16 bits without sign"))
+        return None
+    if described.capture.one_shot:
+        if image.ndim == 3:
+            return np.ascontiguousarray(image[..., :3])
+        problems.append(Problem(name, "a grey image", "a colour image: its channels carry the frames of one shot"))
         return None
     if image.ndim == 2:
         return image

@@ -60,8 +60,9 @@ def _inputs(sources: tuple[str, ...], calibration: str | None) -> tuple[dict[str
     """Return the job's inputs, and how a capture folder wants to be processed."""
     from fringed.errors import UsageError
     from fringed_client.calibration_file import load_calibration
-    from fringed_client.capture import DESCRIPTION, pipeline_of
+    from fringed_client.capture import DESCRIPTION
     from fringed_client.capture_images import load_capture
+    from fringed_client.capture_plan import pipeline_of
 
     inputs: dict[str, Any] = {}
     plan = None

@@ -12,8 +12,10 @@ import pytest
 from fringed.config import validate
 from fringed.data import CameraSettings, FrameSet, Provenance
 from fringed.errors import ConfigurationError
-from fringed_client.capture import CaptureDescription, pipeline_of, sequence_of
+from fringed_client.capture import CaptureDescription
 from fringed_client.capture_images import load_capture
+from fringed_client.capture_patterns import sequence_of
+from fringed_client.capture_plan import pipeline_of
 from fringed_client.capture_write import write_capture
 
 DESCRIPTION = """
@@ -154,7 +156,7 @@ def test_pipeline_follows_sets_and_calibration() -> None:
 def test_examples_of_the_documentation_are_valid() -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "capture-toml.md").read_text()
     blocks = [part.split("```")[0] for part in page.split("```toml capture\n")[1:]]
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     for block in blocks:
         validate(tomllib.loads(block), CaptureDescription)
 
@@ -165,3 +167,112 @@ def test_every_key_is_documented() -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "capture-toml.md").read_text()
     for table in (CaptureTable, GroupTable, SensorTable):
         assert all(name in page for name in table.__struct_fields__)
+
+
+GRAY = """
+[capture]
+family = "gray-phase-shift"
+projector_px = [64, 32]
+images = "pictures"
+[sets]
+object = "*.png"
+[[group]]
+style = "skip"
+steps = 2
+[[group]]
+period_px = 16
+steps = 3
+[[group]]
+style = "gray"
+bits = 3
+cell_px = 8
+inverse = true
+white = true
+black = true
+"""
+
+
+def gray_folder(tmp_path: Path, text: str = GRAY, images: int = 13) -> Path:
+    (tmp_path / "capture.toml").write_text(text)
+    for number in range(images):
+        write(tmp_path / f"pictures/{number}.png", np.full((6, 8), 10 * number, np.uint8))
+    return tmp_path
+
+
+def test_gray_code_lies_in_a_folder_of_its_own_behind_images_without_use(tmp_path: Path) -> None:
+    _, sets = load_capture(gray_folder(tmp_path))
+    frames = sets["object"]
+    assert list(frames.frames[:, 0, 0]) == [10 * n for n in range(2, 13)]
+    code = [f for f in frames.sequence.frames if f.style == "gray"]
+    assert [(f.bit, f.inverted) for f in code] == [(b, i) for b in (0, 1, 2, -1) for i in (False, True)]
+    assert {(f.period_px, f.group, f.steps) for f in code} == {(16.0, 1, 3)}
+    shown = np.array([frames.sequence.patterns[3 + 2 * b][0, :, 0] // 255 for b in range(3)], int)
+    binary = np.bitwise_xor.accumulate(shown)  # a Gray code's bit is that of the number xor the one before it
+    np.testing.assert_array_equal(binary[0] * 4 + binary[1] * 2 + binary[2], np.arange(64) // 8)
+    np.testing.assert_array_equal(frames.sequence.patterns[4], 255 - frames.sequence.patterns[3])
+
+
+def test_both_orientations_give_two_phase_stages() -> None:
+    text = GRAY + '[[group]]\nperiod_px = 16\nsteps = 3\norientation = "rows"\n'
+    described = validate(tomllib.loads(text), CaptureDescription)
+    stages = pipeline_of(described, calibrated=False)["stages"]
+    assert [(s["name"], s["params"]) for s in stages] == [
+        ("phase-columns", {"orientation": "columns"}), ("phase-rows", {"orientation": "rows"}),
+    ]  # fmt: skip
+    assert pipeline_of(described, calibrated=True)["stages"][-1]["inputs"] == {"phase": "phase-columns"}
+
+
+def test_colour_images_carry_the_three_frames_of_a_shot(tmp_path: Path) -> None:
+    text = DESCRIPTION.replace("phase-shift", "one-shot-phase-shift")
+    folder = folder_of(tmp_path, text, images=0)
+    write(folder / "object/0.png", np.dstack([np.full((6, 8), v, np.uint8) for v in (3, 2, 1)]))  # blue, green, red
+    frames = load_capture(folder)[1]["object"]
+    assert list(frames.frames[:, 0, 0]) == [1, 2, 3]
+    assert [(f.shot, f.channel) for f in frames.sequence.frames] == [(0, "red"), (0, "green"), (0, "blue")]
+    assert frames.sequence.patterns[0].shape == (1, 64, 3)
+    write(folder / "object/0.png", np.zeros((6, 8), np.uint8))
+    with pytest.raises(ConfigurationError, match="a grey image is not allowed; expected a colour image"):
+        load_capture(folder)
+
+
+@pytest.mark.parametrize("family", ["gray-phase-shift", "one-shot-phase-shift"])
+def test_codes_and_colours_are_written_and_read_back(tmp_path: Path, family: str) -> None:
+    text = GRAY if family == "gray-phase-shift" else DESCRIPTION.replace("phase-shift", family)
+    sequence = sequence_of(validate(tomllib.loads(text), CaptureDescription))
+    images = np.random.default_rng(1).integers(0, 256, (len(sequence.frames), 6, 8)).astype(np.uint8)
+    write_capture(tmp_path / "out", {"object": FrameSet(images, sequence)})
+    back = load_capture(tmp_path / "out")[1]["object"]
+    np.testing.assert_array_equal(back.frames, images)
+    for mine, theirs in zip(back.sequence.frames, sequence.frames, strict=True):
+        same = ("style", "orientation", "bit", "inverted", "shot", "channel", "group")
+        assert [getattr(mine, name) for name in same] == [getattr(theirs, name) for name in same]
+        assert (mine.period_px, mine.initial_phase_rad) == pytest.approx((theirs.period_px, theirs.initial_phase_rad))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("bits = 3\n", ""), r"group\[2\]\.bits"),
+        (("cell_px = 8", "cell_px = 8\nperiods = 4"), "a key of sinusoids"),
+        (("gray-phase-shift", "multi-frequency"), "no Gray code in family"),
+        (('style = "gray"\nbits = 3\ncell_px = 8', "periods = 4"), 'a group of style "gray"'),
+        (("period_px = 16\nsteps = 3", "period_px = 16\nsteps = 2"), ">= 3 for family"),
+        (("period_px = 16\nsteps = 3", "period_px = 16\nsteps = 3\nbits = 2"), "a code's key"),
+    ],
+)
+def test_wrong_gray_description_is_told(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+    assert change[0] in GRAY
+    with pytest.raises(ConfigurationError, match=told):
+        load_capture(gray_folder(tmp_path, GRAY.replace(*change)))
+
+
+def test_profiles_have_the_wanted_fundamental() -> None:
+    for style in ("sinusoidal", "sawtooth", "triangular", "trapezoidal", "binary"):
+        table = {
+            "capture": {"family": "phase-shift", "projector_px": [64, 8]}, "sets": {"object": "x"},
+            "group": [{"style": style, "period_px": 64, "steps": 3, "initial_phase_rad": 0.7}],
+        }  # fmt: skip
+        sequence = sequence_of(validate(table, CaptureDescription))
+        for frame, pattern in zip(sequence.frames, sequence.patterns, strict=True):
+            phase = np.angle(np.fft.fft(pattern[0, :, 0].astype(float))[1])
+            assert abs(np.angle(np.exp(1j * (phase - 0.7 - frame.shift_rad)))) < 0.06  # 64 samples of a jump
