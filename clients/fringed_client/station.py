@@ -134,6 +134,7 @@ class Station:
         roles: Sequence[str] | None = None,
         encoder_params: Mapping[str, Any] | None = None,
         camera: Mapping[str, Any] | None = None,
+        role_camera: Mapping[str, Mapping[str, Any]] | None = None,
         stages: Mapping[str, Mapping[str, Any]] | None = None,
         frame_sets: Mapping[str, str] | None = None,
         truth: bool | None = None,
@@ -149,8 +150,9 @@ class Station:
             names from the station's configuration; its default pipeline where neither is given.
         roles
             the sets to take, all that the pipeline names by default.
-        encoder_params, camera, stages
-            parameters that override the pipeline's: of the patterns, the camera, and of stages by name.
+        encoder_params, camera, role_camera, stages
+            parameters that override the pipeline's: of the patterns, the camera, the camera for one role's set,
+            and of stages by name.
         frame_sets
             recorded sets to use for a role instead of taking it, such as yesterday's reference.
         truth
@@ -169,8 +171,8 @@ class Station:
         """
         asked = {
             "pipeline": pipeline, "preset": preset, "roles": list(roles) if roles else None,
-            "encoder_params": encoder_params, "camera": camera, "stages": stages, "frame_sets": frame_sets,
-            "truth": truth, "process": process,
+            "encoder_params": encoder_params, "camera": camera, "role_camera": role_camera,
+            "stages": stages, "frame_sets": frame_sets, "truth": truth, "process": process,
         }  # fmt: skip
         return self._submit("scan", asked, timeout_s, on_progress)
 

@@ -37,6 +37,7 @@ Int32Array = npt.NDArray[np.int32]
 
 Role = str  # "object", "reference", or what a pipeline names
 Channel = Literal["white", "red", "green", "blue"]
+CameraChannel = Literal["white", "red", "green", "blue", "rgb"]  # "rgb": all three of one exposure
 Orientation = Literal["columns", "rows"]
 PhaseKind = Literal["wrapped", "absolute", "relative"]
 
@@ -218,6 +219,13 @@ class PatternSequence(_Frozen):
             found.setdefault(frame.group, []).append(index)
         return {group: tuple(indices) for group, indices in found.items()}
 
+    def exposures(self) -> tuple[tuple[int, ...], ...]:
+        """Return the frames of each exposure, in order: one frame, or those of one shot."""
+        found: dict[tuple[str, int], list[int]] = {}
+        for index, frame in enumerate(self.frames):
+            found.setdefault(("frame", index) if frame.shot < 0 else ("shot", frame.shot), []).append(index)
+        return tuple(tuple(indices) for indices in found.values())
+
 
 @dataclass(frozen=True)
 class FrameStamp:
@@ -236,7 +244,7 @@ class CameraSettings:
     exposure_us: float = 8000.0
     gain_db: float = 0.0
     bits: int = 8
-    channel: Channel = "white"
+    channel: CameraChannel = "white"
     trigger: Literal["free-running", "software", "hardware"] = "free-running"
     electrons_per_dn: float = 0.0
     read_noise_electrons: float = 0.0

@@ -174,7 +174,11 @@ class SceneMaker(Protocol):
 
 @dataclass(frozen=True)
 class RawFrame:
-    """One frame as a camera delivers it, times on the rig's clock in seconds."""
+    """One frame as a camera delivers it, times on the rig's clock in seconds.
+
+    `image` is `(height, width)`, uint8 up to 8 bits and uint16 above; `(height, width, 3)`, red, green and
+    blue of one exposure, where the camera was armed with channel "rgb".
+    """
 
     image: np.ndarray[Any, np.dtype[Any]]
     counter: int

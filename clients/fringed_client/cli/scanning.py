@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +26,11 @@ if TYPE_CHECKING:
 @click.option("--param", "stages", multiple=True, callback=staged, metavar="STAGE.KEY=VALUE", help="Of a stage.")
 @click.option("--encoder", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the patterns.")
 @click.option(
-    "--camera", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Such as exposure_us=8333, channel=red."
+    "--camera",
+    multiple=True,
+    callback=pairs,
+    metavar="[ROLE.]KEY=VALUE",
+    help="Such as exposure_us=8333, channel=red; of one set: object-short.exposure_us=1000.",
 )
 @click.option("--truth", is_flag=True, help="Record what the simulated rig knows as well.")
 @click.option(
@@ -51,12 +56,15 @@ def scan_command(folder: Path | None, yes: bool, timeout: float, options: Option
 
 
 def _asked(wish: dict[str, Any]) -> dict[str, Any]:
-    roles = wish["roles"]
+    roles, camera, by_role = wish["roles"], dict[str, Any](), dict[str, dict[str, Any]]()
+    for key, value in wish["camera"].items():
+        role, dot, name = key.rpartition(".")
+        (by_role.setdefault(role, {}) if dot else camera)[name] = value
     return {
         "pipeline": wish["pipeline"], "preset": wish["preset"],
         "roles": [role.strip() for role in roles.split(",") if role.strip()] if roles else None,
         "frame_sets": wish["used"] or None, "stages": wish["stages"] or None, "encoder_params": wish["encoder"] or None,
-        "camera": wish["camera"] or None, "truth": wish["truth"] or None,
+        "camera": camera or None, "role_camera": by_role or None, "truth": wish["truth"] or None,
     }  # fmt: skip
 
 
@@ -66,14 +74,31 @@ def _prompt(station: Station, asked: dict[str, Any]) -> None:
     preset = config["presets"].get(asked["preset"] or "", {})
     name = asked["pipeline"] or preset.get("pipeline") or config["default_pipeline"]
     roles = asked["roles"] or config["pipelines"].get(name, {}).get("roles", [])
-    taken = [role for role in roles if role not in (asked["frame_sets"] or {})]
-    for role in taken[:-1]:
-        click.confirm(f"Set {role!r} is taken first: does the rig see the {role}?", default=True, abort=True, err=True)
-        acquired = station.scan(**{**asked, "roles": [role]}, process=False)
-        asked["frame_sets"] = {**(asked["frame_sets"] or {}), role: acquired.state.frame_sets[role]}
+    settings = config["pipelines"].get(name, {}).get("role_camera", {})
+    taken = _by_sight([role for role in roles if role not in (asked["frame_sets"] or {})], settings)
+    for same in taken[:-1]:
+        click.confirm(
+            f"Set {same[0]!r} is taken first: does the rig see the {same[0]}?", default=True, abort=True, err=True
+        )
+        acquired = station.scan(**{**asked, "roles": same}, process=False)
+        asked["frame_sets"] = {**(asked["frame_sets"] or {}), **{r: acquired.state.frame_sets[r] for r in same}}
     if len(taken) > 1:
-        click.confirm(f"Now put the {taken[-1]} before the rig. Ready?", default=True, abort=True, err=True)
-        asked["roles"] = [taken[-1]]
+        click.confirm(f"Now put the {taken[-1][0]} before the rig. Ready?", default=True, abort=True, err=True)
+        asked["roles"] = taken[-1]
+
+
+def _by_sight(roles: list[str], settings: Mapping[str, Any]) -> list[list[str]]:
+    """Put roles together that see the same thing: `object-long` is `object` with camera settings of its own."""
+    groups: list[list[str]] = []
+    for role in roles:
+        sight = role.partition("-")[0]
+        for group in groups:
+            if group[0].partition("-")[0] == sight and (role in settings or group[0] in settings):
+                group.append(role)
+                break
+        else:
+            groups.append([role])
+    return groups
 
 
 def report(

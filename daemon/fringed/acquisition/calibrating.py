@@ -11,6 +11,7 @@ from fringed.acquisition.cadence import Cadence
 from fringed.acquisition.latency import LatencyEstimator, LatencyResult
 from fringed.acquisition.port import RigPort
 from fringed.acquisition.sampling import full_scale, grid_step, sample
+from fringed.acquisition.shots import channel_of
 from fringed.data import CameraSettings, Float32Array, PatternFrame, PatternSequence
 from fringed.errors import AcquisitionError, QualityError
 from fringed.hookspecs import RawFrame
@@ -116,7 +117,8 @@ class LatencyCalibration:
         return frames
 
     def _image(self, frame: RawFrame) -> Float32Array:
-        return sample(frame.image, grid_step(frame.image.shape, 8))
+        image = frame.image if frame.image.ndim == 2 else channel_of(frame.image, "green")
+        return sample(image, grid_step(image.shape, 8))
 
 
 class _Levels:

@@ -7,7 +7,6 @@ arrives, so that only the judging is left after the last one.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 
 import numpy as np
 
@@ -15,12 +14,12 @@ from fringed.acquisition.pictures import Pictures, fit_frames, judged_groups, pi
 from fringed.acquisition.sampling import full_scale, grid_step, noise_of, sample
 from fringed.acquisition.siblings import Repeats
 from fringed.acquisition.sinusoids import GroupFit, tone_of
+from fringed.acquisition.times import timing_findings
 from fringed.config import CheckConfig
 from fringed.data import Array, CameraSettings, CheckFinding, CheckReport, Float32Array, FrameStamp, PatternSequence
 from fringed.errors import DataError
 
 MIN_CONTRAST = 8.0 / 255.0  # of full scale: what a pixel of a set without sinusoids must vary by to be lit
-TICK_S = 1e-6
 
 
 class SetCheck:
@@ -65,7 +64,7 @@ class SetCheck:
         """Return the verdict; `skipped` counts frames that the camera lost, `delay_s` is latency + settling."""
         skipped = skipped or {}
         lost = sum(skipped.values())
-        findings = [*_timing_findings(stamps, len(self._have), delay_s), *_dropped(skipped)]
+        findings = [*timing_findings(stamps, self._sequence.exposures(), delay_s), *_dropped(skipped)]
         if self._pictures is None or not self._have.all():
             missing = tuple(int(i) for i in np.flatnonzero(~self._have))
             findings.insert(0, CheckFinding("count", f"no frame came for patterns {missing}", missing))
@@ -119,32 +118,6 @@ def check_frames(
     for index, image in enumerate(frames):
         check.add(index, image)
     return check.finish(stamps)
-
-
-def _timing_findings(stamps: tuple[FrameStamp, ...], count: int, delay_s: float) -> list[CheckFinding]:
-    if not stamps:
-        return []
-    if len(stamps) != count:
-        return [CheckFinding("count", f"{len(stamps)} frames were stamped; the sequence has {count}")]
-    findings = []
-    for index, (one, other) in enumerate(pairwise(stamps)):
-        if other.counter <= one.counter or other.exposure_start_s <= one.exposure_start_s:
-            text = (
-                f"frame {index + 1} has counter {other.counter} at {other.exposure_start_s:.4f} s, "
-                f"the one before it {one.counter} at {one.exposure_start_s:.4f} s; both have to increase"
-            )
-            findings.append(CheckFinding("order", text, (index + 1,)))
-    for index, stamp in enumerate(stamps):
-        next_flip_s = stamps[index + 1].flip_s if index + 1 < count else np.inf
-        early_s = stamp.flip_s + delay_s - stamp.exposure_start_s
-        over_s = stamp.exposure_end_s - next_flip_s
-        if not (early_s <= TICK_S and over_s <= TICK_S and stamp.exposure_end_s >= stamp.exposure_start_s):
-            text = (
-                f"frame {index} was exposed from {stamp.exposure_start_s:.4f} s to {stamp.exposure_end_s:.4f} s; "
-                f"its pattern was settled from {stamp.flip_s + delay_s:.4f} s to {next_flip_s:.4f} s"
-            )
-            findings.append(CheckFinding("exposure", text, (index,)))
-    return findings
 
 
 def _dropped(skipped: Mapping[int, int]) -> list[CheckFinding]:

@@ -5,7 +5,7 @@ Owns the requests and the two protocols that the daemon implements: `Listener` a
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -21,8 +21,8 @@ from fringed.messages import DeviceState, Event, Preview
 class AcquisitionRequest:
     """One scan's worth of frame sets: the same patterns for each of `roles`.
 
-    Sets that the scan takes from recordings instead are not among `roles`. `truth` asks a simulated rig
-    for its truth with every set.
+    Sets that the scan takes from recordings instead are not among `roles`. A role's settings are those of
+    `by_role`, else `settings`. `truth` asks a simulated rig for its truth with every set.
     """
 
     scan: str
@@ -30,6 +30,11 @@ class AcquisitionRequest:
     roles: tuple[str, ...] = ("object",)
     settings: CameraSettings = field(default_factory=CameraSettings)
     truth: bool = False
+    by_role: Mapping[str, CameraSettings] = field(default_factory=dict)
+
+    def settings_of(self, role: str) -> CameraSettings:
+        """Return the camera's settings for the set of `role`."""
+        return self.by_role.get(role, self.settings)
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,17 @@ class LatencyRequest:
     """One measurement of the delay from flip to light, with these settings."""
 
     scan: str
+    settings: CameraSettings
+
+
+@dataclass(frozen=True)
+class SetUnderWay:
+    """A set that is being taken; each attempt at it has an id of its own. `settings` are those in force."""
+
+    id: str
+    scan: str
+    role: str
+    sequence: PatternSequence
     settings: CameraSettings
 
 
@@ -68,6 +84,9 @@ class Listener(Protocol):
 
     def preview(self, preview: Preview) -> None:
         """See a small picture."""
+
+    def frame(self, of: SetUnderWay, index: int, image: Array) -> None:
+        """See frame `index`, `(height, width)`, of a set that may not pass its check; it never changes."""
 
     def set_taken(self, frame_set: FrameSet, last_frame_delivered_monotonic_s: float, sink: SetSink) -> None:
         """Take over a checked set, written to `sink` and not committed yet: that is the listener's from here."""

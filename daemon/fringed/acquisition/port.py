@@ -139,7 +139,7 @@ class RigPort:
         raise ProtocolError(f"the rig's clock stands still {left_s:.3f} s before the time waited for")
 
     def read(self, timeout_s: float) -> RawFrame:
-        """Return the next frame, `(height, width)` uint8 or uint16.
+        """Return the next frame, uint8 or uint16: `(height, width)`, or `(height, width, 3)` of channel "rgb".
 
         Raises
         ------
@@ -164,6 +164,7 @@ class RigPort:
         image = frame.image
         if not isinstance(image, np.ndarray) or image.dtype not in (np.uint8, np.uint16):
             raise ProtocolError(f"the camera delivered {type(image).__name__}; expected an array of uint8 or uint16")
-        if image.shape != (height, width):
-            raise ProtocolError(f"the camera delivered a frame of shape {image.shape}; expected {(height, width)}")
+        shape = (height, width, 3) if self._in_force.channel == "rgb" else (height, width)
+        if image.shape != shape:
+            raise ProtocolError(f"the camera delivered a frame of shape {image.shape}; expected {shape}")
         return frame

@@ -16,11 +16,12 @@ from typing import Any, Literal
 
 from fringed.acquisition.calibrating import LatencyCalibration
 from fringed.acquisition.latency import LatencyResult
-from fringed.acquisition.listener import AcquisitionRequest, LatencyRequest, Listener, OpenSet, small_picture
+from fringed.acquisition.listener import AcquisitionRequest, LatencyRequest, Listener, OpenSet, SetUnderWay, small_picture
 from fringed.acquisition.port import RigPort
 from fringed.acquisition.rig import Rig, Station
 from fringed.acquisition.sampling import full_scale
 from fringed.acquisition.sequencer import Timing
+from fringed.acquisition.shots import check_channels, checks_of
 from fringed.acquisition.taking import Attempt, Taken, Wanted
 from fringed.config import AcquisitionConfig, CheckConfig
 from fringed.data import Array, CameraSettings
@@ -182,6 +183,8 @@ class AcquisitionRunner:
             raise Cancelled("cancelled on request")
 
     def _acquire(self, request: AcquisitionRequest) -> None:
+        for role in request.roles if not self._rig.replayed else ():  # a replay has the settings of its recordings
+            check_channels(request.sequence, request.settings_of(role))
         for index, role in enumerate(request.roles):
             taken = self._retried(request.scan, role, lambda n, i=index: self._take(request, i, n))
             self._listener.set_taken(taken.frame_set, taken.delivered_monotonic_s, taken.sink)
@@ -214,9 +217,11 @@ class AcquisitionRunner:
 
     def _take(self, request: AcquisitionRequest, index: int, retakes: int) -> Taken:
         role = request.roles[index]
-        latency_s, settle_s = self._delay(request.settings)
+        asked = request.settings_of(role)
+        latency_s, settle_s = self._delay(asked)
         self._port.load(request.sequence, role)
-        settings = self._port.arm(request.settings)
+        settings = self._port.arm(asked)
+        check_channels(request.sequence, settings)
         self._port.idle()  # a pattern that is late then shows darkness, never one of the same group
         self._port.acquiring()
         timing = Timing(
@@ -230,9 +235,12 @@ class AcquisitionRunner:
         wanted = Wanted(request.scan, role, request.sequence, settings, timing, retakes)
 
         def on_frame(number: int, image: Array) -> None:
+            self._listener.frame(under_way, number, image)
             self._frame_kept(request, index, number, image, settings)
 
-        attempt = Attempt(self._port, wanted, self._checks, self._open_set, on_frame)
+        checks = checks_of(role, {other: request.settings_of(other) for other in request.roles}, self._checks)
+        attempt = Attempt(self._port, wanted, checks, self._open_set, on_frame)
+        under_way = SetUnderWay(attempt.id, request.scan, role, request.sequence, settings)
         try:
             taken = attempt.take(self._station)
         finally:

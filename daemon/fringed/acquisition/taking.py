@@ -34,6 +34,7 @@ from fringed.acquisition.listener import OpenSet, SetSink
 from fringed.acquisition.port import RigPort
 from fringed.acquisition.rig import Station, blame
 from fringed.acquisition.sequencer import Sequencer, Timing
+from fringed.acquisition.shots import channel_of
 from fringed.config import CheckConfig
 from fringed.data import Array, CameraSettings, FrameSet, FrameStamp, PatternSequence, Provenance, new_id
 from fringed.errors import AcquisitionError, DeviceError, DeviceStalled, ProtocolError, QualityError
@@ -64,7 +65,7 @@ class Taken:
 class Attempt:
     """One attempt at one set; `on_frame(index, image)` hears of each frame that is kept.
 
-    `discarded` counts the frames that came and were of no use.
+    `id` is what the set is called if it is good. `discarded` counts the frames that came and were of no use.
     """
 
     def __init__(
@@ -76,11 +77,11 @@ class Attempt:
         on_frame: Callable[[int, Array], None],
     ) -> None:
         self._port, self._wanted, self._open_set, self._on_frame = port, wanted, open_set, on_frame
-        self._count = len(wanted.sequence.frames)
+        self._exposures = wanted.sequence.exposures()
         self._check = SetCheck(wanted.sequence, wanted.settings, checks)
-        self._sequencer = Sequencer(self._count, wanted.timing)
+        self._sequencer = Sequencer(len(self._exposures), wanted.timing)
         self.discarded = 0
-        self._id = new_id()
+        self.id = new_id()
         self._stamps: list[FrameStamp] = []
         self._frames: Array | None = None
         self._sink: SetSink | None = None
@@ -143,7 +144,7 @@ class Attempt:
     def _perform(self, action: Action) -> Event:
         match action:
             case Show(index):
-                return Flipped(self._port.show(index))
+                return Flipped(self._port.show(self._exposures[index][0]))
             case WaitUntil(time_s):
                 return Reached(self._port.wait_until(time_s))
             case Trigger():
@@ -165,23 +166,31 @@ class Attempt:
     def _keep(self, keep: Keep, frame: RawFrame | None) -> None:
         if frame is None:
             raise AcquisitionError("a frame was kept before one arrived")
+        indices, sequence = self._exposures[keep.index], self._wanted.sequence
+        for index in indices:
+            whole = frame.image.ndim == 2
+            image = frame.image if whole else channel_of(frame.image, sequence.frames[index].channel)
+            self._stamps.append(FrameStamp(keep.flip_s, frame.exposure_start_s, frame.exposure_end_s, frame.counter))
+            self._keep_image(index, image)
+
+    def _keep_image(self, index: int, image: Array) -> None:
         if self._frames is None:
-            self._frames = np.empty((self._count, *frame.image.shape), frame.image.dtype)
-            shape = (self._count, frame.image.shape[0], frame.image.shape[1])
-            self._sink = self._open_set(self._id, self._wanted.sequence, shape, frame.image.dtype)
-        if frame.image.dtype != self._frames.dtype or self._sink is None:
-            raise ProtocolError(f"a frame of {frame.image.dtype} came in a set of {self._frames.dtype}")
-        image = self._frames[keep.index]
-        image[...] = frame.image
-        self._stamps.append(FrameStamp(keep.flip_s, frame.exposure_start_s, frame.exposure_end_s, frame.counter))
-        self._sink.write(keep.index, image)
-        self._check.add(keep.index, image)
-        self._on_frame(keep.index, image)
+            shape = (len(self._wanted.sequence.frames), *image.shape)
+            self._frames = np.empty(shape, image.dtype)
+            self._sink = self._open_set(self.id, self._wanted.sequence, shape, image.dtype)
+        if image.dtype != self._frames.dtype or self._sink is None:
+            raise ProtocolError(f"a frame of {image.dtype} came in a set of {self._frames.dtype}")
+        kept = self._frames[index]
+        kept[...] = image
+        self._on_frame(index, kept)  # first: others can work on it meanwhile
+        self._sink.write(index, kept)
+        self._check.add(index, kept)
 
     def _judged(self, station: Station) -> FrameSet:
         wanted, rig = self._wanted, self._port.rig
         stamps = tuple(self._stamps)
-        report = self._check.finish(stamps, self._sequencer.counters_skipped, wanted.timing.delay_s)
+        skipped = {self._exposures[i][0]: count for i, count in self._sequencer.counters_skipped.items()}
+        report = self._check.finish(stamps, skipped, wanted.timing.delay_s)
         if not report.passed:
             raise QualityError("; ".join(f"{finding.fault}: {finding.detail}" for finding in report.findings))
         if self._frames is None:
@@ -199,7 +208,7 @@ class Attempt:
             self._frames,
             wanted.sequence,
             role=wanted.role,
-            id=self._id,
+            id=self.id,
             scan=wanted.scan,
             stamps=stamps,
             settings=wanted.settings,

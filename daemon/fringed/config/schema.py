@@ -42,7 +42,10 @@ class CameraConfig(DeviceConfig, frozen=True, kw_only=True):
     exposure_us: Annotated[float, Meta(gt=0, le=1e7, extra_json_schema=_units("us"))] = 8333.333
     gain_db: Annotated[float, Meta(ge=0, le=48, extra_json_schema=_units("dB"))] = 0.0
     bits: Literal[8, 10, 12, 16] = 8
-    channel: Literal["white", "red", "green", "blue"] = "green"
+    channel: Annotated[
+        Literal["white", "red", "green", "blue", "rgb"],
+        Meta(description="what a frame holds; rgb: three frames of one exposure, for patterns of one shot"),
+    ] = "green"
     trigger: Literal["free-running", "software", "hardware"] = "free-running"
 
 
@@ -98,6 +101,11 @@ class PipelineConfig(Section, frozen=True, kw_only=True):
     roles: Annotated[list[str], Meta(min_length=1, description="sets to take, in order")] = msgspec.field(
         default_factory=lambda: ["object"]
     )
+    camera: Annotated[dict[str, Any], Meta(description="camera settings that this pipeline needs")] = {}
+    role_camera: Annotated[
+        dict[str, dict[str, Any]],
+        Meta(description="role -> camera settings of its set; exposure_factor multiplies the exposure"),
+    ] = {}
     summary: str = ""
 
 
@@ -107,6 +115,7 @@ class PresetConfig(Section, frozen=True, kw_only=True):
     pipeline: Annotated[str, Meta(min_length=1)]
     encoder_params: dict[str, Any] = {}
     camera: dict[str, Any] = {}
+    role_camera: dict[str, dict[str, Any]] = {}
     stages: dict[str, dict[str, Any]] = {}
     summary: str = ""
 

@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar, Union
 
 import msgspec
 
+from fringed.config.cameras import camera_problems
 from fringed.config.references import reference_problems
 from fringed.config.schema import StationConfig
 from fringed.config.wording import allowed
@@ -167,7 +168,14 @@ def examined(raw: Mapping[str, Any]) -> tuple[StationConfig, list[Problem]]:
     pipelines = raw.get("pipelines")
     named = set(config.pipelines) | set(pipelines if isinstance(pipelines, Mapping) else ())
     problems += reference_problems(config, named, {problem.path for problem in problems})
+    problems += camera_problems(config, _problems_of)
     return config, problems
+
+
+def _problems_of(raw: Mapping[str, Any], cls: type[msgspec.Struct], path: str) -> list[Problem]:
+    problems: list[Problem] = []
+    _walk_struct(raw, cls, path, problems)
+    return problems
 
 
 def station_of(raw: Mapping[str, Any]) -> StationConfig:
@@ -211,7 +219,7 @@ def simulated_station(over: Mapping[str, Any] | None = None) -> StationConfig:
 
 def check_station(config: StationConfig) -> StationConfig:
     """Check what one value cannot tell alone: names that refer to each other; raises ConfigurationError."""
-    raise_problems(reference_problems(config, set(config.pipelines)))
+    raise_problems([*reference_problems(config, set(config.pipelines)), *camera_problems(config, _problems_of)])
     return config
 
 

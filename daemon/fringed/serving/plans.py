@@ -11,10 +11,11 @@ from typing import Any
 
 import msgspec
 
-from fringed.config import CameraConfig, PipelineConfig, PresetConfig, StationConfig, merged, validate
+from fringed.config import PipelineConfig, PresetConfig, StationConfig, merged
 from fringed.data import CameraSettings
-from fringed.errors import ConfigurationError, NotFound, Problem, UsageError
+from fringed.errors import NotFound, UsageError
 from fringed.messages import StageCall
+from fringed.serving.cameras import settings_by_role
 
 Tables = Mapping[str, Any]
 STAGE_KINDS = ("processor", "encoder", "exporter", "scene")
@@ -28,7 +29,7 @@ class Plan:
     stages: tuple[StageCall, ...]
     encoder: StageCall | None = None
     roles: tuple[str, ...] = ()
-    camera: CameraSettings = field(default_factory=CameraSettings)
+    cameras: Mapping[str, CameraSettings] = field(default_factory=dict)  # by role
     given: Mapping[str, str] = field(default_factory=dict)
     truth: bool = False
 
@@ -47,6 +48,7 @@ class ScanWish:
     roles: Sequence[str] | None = None
     encoder_params: Tables = field(default_factory=dict)
     camera: Tables = field(default_factory=dict)
+    role_camera: Tables = field(default_factory=dict)
     stages: Tables = field(default_factory=dict)
     frame_sets: Mapping[str, str] = field(default_factory=dict)
     truth: bool | None = None
@@ -68,12 +70,15 @@ def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
     pipeline = pipeline_of(config, name)
     roles = _roles(pipeline, name, wish)
     params = merged(merged(pipeline.encoder_params, preset.encoder_params), wish.encoder_params)
+    camera = merged(merged(pipeline.camera, preset.camera), wish.camera)
+    by_role = merged(merged(pipeline.role_camera, preset.role_camera), wish.role_camera)
+    settings = settings_by_role(config.camera, camera, by_role, pipeline.roles)
     return Plan(
         name,
         stage_calls(pipeline, name, merged(preset.stages, wish.stages)) if wish.process else (),
         StageCall("patterns", "encoder", pipeline.encoder, params),
         roles,
-        camera_settings(config.camera, merged(preset.camera, wish.camera)),
+        {role: settings[role] for role in roles},
         dict(wish.frame_sets),
         config.record_truth if wish.truth is None else wish.truth,
     )
@@ -118,16 +123,6 @@ def stage_calls(pipeline: PipelineConfig, name: str, params: Tables) -> tuple[St
         )
         for own, stage in zip(names, pipeline.stages, strict=True)
     )
-
-
-def camera_settings(config: CameraConfig, over: Tables) -> CameraSettings:
-    """Return the camera's settings; raises ConfigurationError with every wrong one."""
-    names = ("exposure_us", "gain_db", "bits", "channel", "trigger")
-    unknown = [Problem(f"camera.{key}", "this key", f"one of {', '.join(names)}") for key in over if key not in names]
-    if unknown:
-        raise ConfigurationError(f"{len(unknown)} problem{'s' * (len(unknown) > 1)} in camera:", tuple(unknown))
-    chosen = validate({**{name: getattr(config, name) for name in names}, **over}, CameraConfig, "camera")
-    return CameraSettings(**{name: getattr(chosen, name) for name in names})
 
 
 def _preset(config: StationConfig, wish: ScanWish) -> PresetConfig:

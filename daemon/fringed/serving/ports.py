@@ -5,13 +5,23 @@ Owns protocols only, so that none of the siblings imports another.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
-from fringed.data import CameraSettings, FrameSet, PatternSequence
+from fringed.data import Array, CameraSettings, FrameSet, PatternSequence
 from fringed.errors import FringedError
-from fringed.messages import ErrorInfo, Job, JobDone, JobProgress, PluginInfo, QuarantineEntry, StageDone, WorkerState
+from fringed.messages import (
+    ErrorInfo,
+    FeedBegin,
+    Job,
+    JobDone,
+    JobProgress,
+    PluginInfo,
+    QuarantineEntry,
+    StageDone,
+    WorkerState,
+)
 from fringed.wire import Encoded
 
 T = TypeVar("T")
@@ -66,6 +76,15 @@ class Jobs(Protocol):
     def taken(self, job: str, stage: str) -> None:
         """Tell a job's worker that a product of it is announced."""
 
+    def feed_begin(self, begin: FeedBegin) -> None:
+        """Feed a set to an idle worker, if there is one."""
+
+    def feed_frame(self, feed: str, index: int, image: Array) -> None:
+        """Send its next frame; harmless where nobody is fed."""
+
+    def feed_drop(self, feed: str, reason: str) -> None:
+        """Have its frames forgotten; harmless where nobody is fed, or a job has them."""
+
 
 class Hosts(Protocol):
     """What is known of workers and their plug-ins."""
@@ -90,9 +109,14 @@ class Rig(Protocol):
     """The thread that touches the devices; what it has to tell comes to `Scans`, in the reactor's thread."""
 
     def take(
-        self, scan: str, roles: tuple[str, ...], sequence: PatternSequence, settings: CameraSettings, truth: bool
+        self,
+        scan: str,
+        roles: tuple[str, ...],
+        sequence: PatternSequence,
+        settings: Mapping[str, CameraSettings],
+        truth: bool,
     ) -> None:
-        """Queue the sets of one scan; raises DeviceAbsent where there is no rig."""
+        """Queue the sets of one scan, `settings` by role; raises DeviceAbsent where there is no rig."""
 
     def cancel(self, scan: str) -> None:
         """Stop taking sets of a scan."""
@@ -102,6 +126,30 @@ class Rig(Protocol):
 
     def size_px(self) -> tuple[int, int]:
         """Return the projector's size; raises DeviceAbsent."""
+
+
+class SetUnderWay(Protocol):
+    """A set that is being taken; it has not passed its check, and may never. Each attempt has an id of its own."""
+
+    @property
+    def id(self) -> str:
+        """What the set will be called if it is good."""
+
+    @property
+    def scan(self) -> str:
+        """The scan that it is for."""
+
+    @property
+    def role(self) -> str:
+        """Its role there."""
+
+    @property
+    def sequence(self) -> PatternSequence:
+        """Its patterns."""
+
+    @property
+    def settings(self) -> CameraSettings:
+        """What the camera was told."""
 
 
 @dataclass(frozen=True)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Protocol
 
 from fringed import wire
 from fringed.config import CameraConfig
-from fringed.data import CameraSettings, FrameSet, PatternSequence, Truth
+from fringed.data import Array, CameraSettings, FrameSet, PatternSequence, Truth
 from fringed.errors import DeviceAbsent, FringedError
 from fringed.messages import DeviceState, Event, Preview
+from fringed.serving.cameras import camera_settings
 from fringed.serving.house import House
-from fringed.serving.plans import camera_settings
-from fringed.serving.ports import AcquiredSet
+from fringed.serving.ports import AcquiredSet, SetUnderWay
 from fringed.serving.scans import Scans
 from fringed.serving.status import Status
 
@@ -59,11 +59,16 @@ class RigLink:
         self._camera = camera
 
     def take(
-        self, scan: str, roles: tuple[str, ...], sequence: PatternSequence, settings: CameraSettings, truth: bool
+        self,
+        scan: str,
+        roles: tuple[str, ...],
+        sequence: PatternSequence,
+        settings: Mapping[str, CameraSettings],
+        truth: bool,
     ) -> None:
         """Queue the sets of one scan; raises DeviceAbsent where there is no rig."""
         self._there().submit(
-            self._make_request(scan=scan, sequence=sequence, roles=roles, settings=settings, truth=truth)
+            self._make_request(scan=scan, sequence=sequence, roles=roles, by_role=settings, truth=truth)
         )
 
     def cancel(self, scan: str) -> None:
@@ -107,6 +112,10 @@ class RigListener:
     def preview(self, preview: Preview) -> None:
         """See a small picture."""
         self._post(self._house.stream.publish, preview, wire.TOPIC_PREVIEW)
+
+    def frame(self, of: SetUnderWay, index: int, image: Array) -> None:
+        """See a frame of a set that is being taken."""
+        self._post(self._scans.frame_kept, of, index, image)
 
     def set_taken(self, frame_set: FrameSet, last_frame_delivered_monotonic_s: float, sink: Any) -> None:
         """Take over a checked set with its sink (a `SetWriter`)."""

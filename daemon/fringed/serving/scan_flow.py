@@ -11,14 +11,15 @@ from functools import partial
 from typing import Any
 
 from fringed import wire
-from fringed.data import FrameSet, PatternSequence, Truth, new_id
+from fringed.data import Array, FrameSet, PatternSequence, Truth, new_id
 from fringed.errors import DataError, FringedError
 from fringed.messages import ErrorInfo
+from fringed.serving.feeds import ScanFeed
 from fringed.serving.flow import Flow
 from fringed.serving.house import House
 from fringed.serving.jobs import JobRun
 from fringed.serving.plans import Plan
-from fringed.serving.ports import AcquiredSet, Rig
+from fringed.serving.ports import AcquiredSet, Rig, SetUnderWay
 from fringed.serving.records import Record
 from fringed.serving.requests import error_info
 from fringed.serving.sequences import Sequences
@@ -36,6 +37,7 @@ class ScanFlow(Flow):
         self._plan = plan
         self._rig = rig
         self._sequences = sequences
+        self._feed = ScanFeed(house.jobs, plan.stages, plan.roles)
         self._inputs: dict[str, Any] = {}
         self._encoder_job = ""
         self._recording = 0
@@ -58,6 +60,11 @@ class ScanFlow(Flow):
             self.house.jobs.cancel(self._encoder_job)
         elif state == "acquiring":
             self._rig.cancel(self.record.id)
+
+    def end(self, error: ErrorInfo | None) -> None:
+        """End the record, and the feeds that no job has taken."""
+        super().end(error)
+        self._feed.end("its scan has ended")
 
     def _loaded(self, found: dict[str, Any]) -> None:
         for role, frame_set in found.items():
@@ -92,7 +99,7 @@ class ScanFlow(Flow):
         self._began_s = self._set_began_s = self.house.reactor.now()
         self.house.records.change(self.record, "acquiring", _ENCODED, "taking sets")
         try:
-            self._rig.take(self.record.id, self._plan.to_take, sequence, self._plan.camera, self._plan.truth)
+            self._rig.take(self.record.id, self._plan.to_take, sequence, self._plan.cameras, self._plan.truth)
         except FringedError as error:
             self.fail(error)
 
@@ -100,6 +107,11 @@ class ScanFlow(Flow):
         """Show how far the sets are."""
         if self.record.state == "acquiring":
             self.house.records.change(self.record, progress=_ENCODED + (_ACQUIRED - _ENCODED) * fraction, text=text)
+
+    def frame_kept(self, of: SetUnderWay, index: int, image: Array) -> None:
+        """Send it on to a worker, so that little is left to do when the set is complete."""
+        if not self.record.finished:
+            self._feed.frame(of, index, image)
 
     def set_acquired(self, acquired: AcquiredSet) -> None:
         """Record it, and process as soon as every set is there."""

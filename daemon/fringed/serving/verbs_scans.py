@@ -36,7 +36,8 @@ class ScanVerbs:
 
     def _scan(self, call: Call) -> Any:
         call.allow(
-            "pipeline", "preset", "roles", "encoder_params", "camera", "stages", "frame_sets", "truth", "process"
+            "pipeline", "preset", "roles", "encoder_params", "camera", "role_camera", "stages", "frame_sets", "truth",
+            "process",
         )  # fmt: skip
         self._may_move(call)
         wish = ScanWish(
@@ -45,6 +46,7 @@ class ScanVerbs:
             _texts(call, "roles", call.get("roles", list, None)),
             call.get("encoder_params", dict, {}),
             call.get("camera", dict, {}),
+            call.get("role_camera", dict, {}),
             call.get("stages", dict, {}),
             call.get("frame_sets", dict, {}),
             call.get("truth", bool, None),

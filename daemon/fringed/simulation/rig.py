@@ -28,7 +28,7 @@ from fringed.simulation.geometry import Geometry, blur_sigmas_px, trace, truth_o
 from fringed.simulation.heap import return_memory
 from fringed.simulation.light import Light, channel_mix, light_of, widened
 from fringed.simulation.scene import REFERENCE, Scene, build_scene, reference_solid, solid_of
-from fringed.simulation.sensor import Sensor
+from fringed.simulation.sensor import RGB, Sensor
 from fringed.simulation.tone import response
 
 _POSES_KEPT = 2  # the object and the reference plane: some 40 MB each at full size
@@ -114,9 +114,9 @@ class SimulatedRig:
         for stale in [key for key in self._geometries if key[0] is not scene]:
             del self._geometries[stale]
         moved = np.zeros(3)
-        if scene.moves and self._role != REFERENCE:
+        if scene.moves and not self._sees_reference:
             moved = np.array(scene.config.velocity_mm_s) * (time_s - self._set_start_s)
-        key = (scene, self._role == REFERENCE, *moved)
+        key = (scene, self._sees_reference, *moved)
         if key not in self._geometries:
             self._geometries[key] = self._traced(scene, moved)
             return_memory()
@@ -125,9 +125,14 @@ class SimulatedRig:
             self._geometries.popitem(last=False)
         return self._geometries[key]
 
+    @property
+    def _sees_reference(self) -> bool:
+        """Whether the set's role is the reference plane, at whatever exposure (`reference-long`)."""
+        return self._role.partition("-")[0] == REFERENCE
+
     def _traced(self, scene: Scene, moved_mm: Float64Array) -> Geometry:
         pose = scene.T_camera_object(moved_mm)
-        solid = reference_solid(self.config) if self._role == REFERENCE else solid_of(scene, pose)
+        solid = reference_solid(self.config) if self._sees_reference else solid_of(scene, pose)
         light = (scene.config.specular, scene.config.ambient)
         return trace(self.config, solid, light, self.sensor.sensitivity(), pose)
 
@@ -167,7 +172,26 @@ class SimulatedRig:
     # The camera.
 
     def image(self, start_s: float, end_s: float, settings: CameraSettings, counter: int) -> Array:
-        """Return the frame that integrates from `start_s` to `end_s`, with the faults that the light may have."""
+        """Return the frame that integrates from `start_s` to `end_s`, with the faults that the light may have.
+
+        `(height, width)`, or for channel "rgb" `(height, width, 3)`: three CCDs behind one lens, one exposure.
+        """
+        shares, torn_px = self._shown(start_s, end_s)
+        channels: tuple[Channel, ...] = RGB if settings.channel == "rgb" else (settings.channel,)
+        with self._lock:
+            geometry = self._geometry(self._scene, (start_s + end_s) / 2)
+            seen = [self._electrons(geometry, shares, (start_s, end_s), channel) for channel in channels]
+            if torn_px is not None:
+                before = [(1.0, self.display.previous(start_s))]
+                old = [self._electrons(geometry, before, (start_s, end_s), channel) for channel in channels]
+                seen = [np.where(geometry.row < torn_px, *both) for both in zip(seen, old, strict=True)]
+        if settings.channel != "rgb":
+            return self.sensor.digitise(seen[0], settings, counter)
+        frames = [self.sensor.digitise(one, settings, counter, ccd) for one, ccd in zip(seen, RGB, strict=True)]
+        return np.stack(frames, axis=-1)
+
+    def _shown(self, start_s: float, end_s: float) -> tuple[list[tuple[float, Picture]], float | None]:
+        """Return the share of each picture in an exposure, and the projector row from which an older one is seen."""
         shares = self.display.weights(start_s, end_s)
         awaited = self.display.is_awaited(start_s)
         torn = awaited and self.faults.strikes("torn")
@@ -175,24 +199,12 @@ class SimulatedRig:
             old = self.faults.draw("blended", 0.3, 0.7)
             shares = [((1 - old) * share, picture) for share, picture in shares]
             shares.append((old, self.display.previous(start_s)))
-        with self._lock:
-            geometry = self._geometry(self._scene, (start_s + end_s) / 2)
-            electrons = self._electrons(geometry, shares, (start_s, end_s), settings)
-            if torn:
-                before = [(1.0, self.display.previous(start_s))]
-                old_light = self._electrons(geometry, before, (start_s, end_s), settings)
-                tear_px = self.faults.draw("torn", 0.4, 0.6) * self.config.projector.height_px
-                electrons = np.where(geometry.row < tear_px, electrons, old_light)
-        return self.sensor.digitise(electrons, settings, counter)
+        return shares, self.faults.draw("torn", 0.4, 0.6) * self.config.projector.height_px if torn else None
 
     def _electrons(
-        self,
-        geometry: Geometry,
-        shares: list[tuple[float, Picture]],
-        span_s: tuple[float, float],
-        settings: CameraSettings,
+        self, geometry: Geometry, shares: list[tuple[float, Picture]], span_s: tuple[float, float], channel: Channel
     ) -> Array:
-        lights = [(share, self._light(picture, settings.channel)) for share, picture in shares]
+        lights = [(share, self._light(picture, channel)) for share, picture in shares]
         white = self.sensor.electrons((span_s[1] - span_s[0]) * 1e6)
         return exposed(geometry, lights, (white * self._flicker(*span_s), white), self.config.sensor.blur_px)
 
@@ -219,7 +231,7 @@ class SimulatedRig:
         with self._lock:
             settings = self.sensor.in_force(CameraSettings(channel="green"))
             geometry = self._geometry(self._scene, self.clock.now())
-            electrons = self._electrons(geometry, [(1.0, self._idle)], (0.0, 1e-3), settings)
+            electrons = self._electrons(geometry, [(1.0, self._idle)], (0.0, 1e-3), "green")
         self.sensor.digitise(electrons, settings, 0)
         del electrons
         return_memory()

@@ -50,6 +50,7 @@ class Bench:
         self.fake = fake or FakeRig()
         self.full_disk = False
         self.sinks, self.states, self.previews, self.sets, self.events, self.truths = [], [], [], [], [], []
+        self.frames = []
         self.fractions, self.ended, self.arrived = [], {}, threading.Condition()
         self.unused = 0
         rig = Rig(self.fake.camera, self.fake.projector, "fake", "fake", truth)
@@ -74,6 +75,9 @@ class Bench:
 
     def progress(self, scan, fraction, text):
         self.fractions.append(fraction)
+
+    def frame(self, of, index, image):
+        self.frames.append((of.id, index, image))
 
     def preview(self, preview):
         self.previews.append(preview)

@@ -18,12 +18,12 @@ def test_nothing_asked_for_is_the_default_pipeline():
         ("phase", "multi-frequency"), ("range", "triangulate")
     ]  # fmt: skip
     assert plan.to_take == ("object",)
-    assert plan.camera.channel == "green"
+    assert plan.cameras["object"].channel == "green"
 
 
 def test_request_goes_over_preset_goes_over_configuration():
     plan = plan_scan(CONFIG, ScanWish(preset="skin", encoder_params={"steps": 6}, camera={"exposure_us": 4000}))
-    assert (plan.camera.channel, plan.camera.exposure_us) == ("red", 4000)
+    assert (plan.cameras["object"].channel, plan.cameras["object"].exposure_us) == ("red", 4000)
     assert plan.encoder.params == {"periods": [1, 8, 64], "steps": 6}
 
 
@@ -85,3 +85,70 @@ WRONG_STAGES = [
 def test_stages_that_cannot_be_meant_are_refused(stages):
     with pytest.raises(UsageError, match="stage"):
         plan_process(CONFIG, "", stages, {})
+
+
+BRACKETED = simulated_station(
+    {
+        "pipelines": {
+            "bracket": {
+                "encoder": "multi-frequency",
+                "roles": ["object", "object-short"],
+                "camera": {"channel": "red", "exposure_us": 8000},
+                "role_camera": {"object-short": {"exposure_factor": 0.25}},
+                "stages": [{"processor": "multi-frequency", "inputs": {"frames": "object"}}],
+            }
+        },
+        "presets": {"bright": {"pipeline": "bracket", "role_camera": {"object-short": {"exposure_factor": 0.1}}}},
+    }
+)
+
+
+def exposures(**wish):
+    cameras = plan_scan(BRACKETED, ScanWish(**{"pipeline": "bracket", **wish})).cameras
+    return {role: (settings.channel, round(settings.exposure_us, 3)) for role, settings in cameras.items()}
+
+
+def test_a_role_has_camera_settings_of_its_own_over_those_of_the_scan():
+    assert exposures() == {"object": ("red", 8000), "object-short": ("red", 2000)}
+    assert exposures(camera={"exposure_us": 4000}) == {"object": ("red", 4000), "object-short": ("red", 1000)}
+    assert exposures(pipeline="", preset="bright") == {"object": ("red", 8000), "object-short": ("red", 800)}
+    asked = {"object-short": {"exposure_us": 500, "exposure_factor": 1}}
+    assert exposures(role_camera=asked)["object-short"] == ("red", 500)
+    assert exposures(roles=["object"]) == {"object": ("red", 8000)}
+
+
+@pytest.mark.parametrize(
+    ("wish", "error", "text"),
+    [
+        ({"nonsense": {}}, UsageError, "the roles are object, object-short"),
+        ({"object-short": {"exposure_factor": 0}}, ConfigurationError, "exposure_factor"),
+        ({"object-short": {"exposure_factor": "half"}}, ConfigurationError, "exposure_factor"),
+        ({"object-short": {"exposure": 3}}, ConfigurationError, r"role_camera\.object-short\.exposure"),
+        ({"object-short": 3}, ConfigurationError, "a table"),
+        ({"object-short": {"exposure_factor": 1e9}}, ConfigurationError, "exposure_us"),
+    ],
+)
+def test_camera_settings_of_a_role_that_cannot_be_meant_say_what_can(wish, error, text):
+    with pytest.raises(error, match=text):
+        exposures(role_camera=wish)
+
+
+def test_configured_camera_tables_are_checked_when_they_are_read():
+    over = {
+        "pipelines": {
+            "hierarchical": {
+                "camera": {"exposure": 1, "channel": "pink"},
+                "role_camera": {"nobody": {}, "object": {"exposure_factor": -1, "bits": 9}},
+            }
+        },
+        "presets": {"skin": {"camera": {"exposure_factor": 2}, "role_camera": {"reference": {}}}},
+    }
+    with pytest.raises(ConfigurationError) as caught:
+        simulated_station(over)
+    told = {problem.path for problem in caught.value.problems}
+    assert told == {
+        "pipelines.hierarchical.camera.exposure", "pipelines.hierarchical.camera.channel",
+        "pipelines.hierarchical.role_camera.nobody", "pipelines.hierarchical.role_camera.object.exposure_factor",
+        "pipelines.hierarchical.role_camera.object.bits",
+        "presets.skin.camera.exposure_factor", "presets.skin.role_camera.reference",
+    }  # fmt: skip

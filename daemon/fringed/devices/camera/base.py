@@ -27,8 +27,8 @@ class MachineClock:
         time.sleep(max(0.0, seconds))
 
 
-def checked_image(image: object, size_px: tuple[int, int], bits: int) -> Array:
-    """Return `image` if it is what a camera of that size and depth delivers.
+def checked_image(image: object, size_px: tuple[int, int], bits: int, channels: int = 1) -> Array:
+    """Return `image` if it is what a camera of that size and depth delivers; `channels` is 3 for "rgb".
 
     Raises
     ------
@@ -37,11 +37,11 @@ def checked_image(image: object, size_px: tuple[int, int], bits: int) -> Array:
     """
     width, height = size_px
     wanted = np.dtype(np.uint8 if bits <= 8 else np.uint16)
-    if not isinstance(image, np.ndarray) or image.shape != (height, width) or image.dtype != wanted:
+    shape = (height, width) if channels == 1 else (height, width, channels)
+    if not isinstance(image, np.ndarray) or image.shape != shape or image.dtype != wanted:
         seen = f"{image.dtype} of {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
         raise ProtocolError(
-            f"the camera delivered {seen}; a frame of {bits} bits is {wanted} of {(height, width)}: "
-            "check its format and cable"
+            f"the camera delivered {seen}; a frame of {bits} bits is {wanted} of {shape}: check its format and cable"
         )
     if bits not in (8, 16) and int(image.max()) >= 2**bits:
         raise ProtocolError(f"the camera delivered the number {int(image.max())}; {bits} bits end at {2**bits - 1}")

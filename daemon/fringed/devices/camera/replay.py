@@ -13,12 +13,13 @@ from statistics import median
 
 import numpy as np
 
-from fringed.data import CameraSettings, FrameSet, PatternSequence
+from fringed.data import Array, CameraSettings, FrameSet, PatternSequence
 from fringed.errors import DeviceError, DeviceStalled, UsageError
 from fringed.hookspecs import Clock, RawFrame
 
 BACKLOG = 2  # frames that the camera keeps for a reader that is late
 SHORTEST_PERIOD_S = 1e-3
+_CHANNELS = ("red", "green", "blue")
 
 
 class SkippingClock:
@@ -93,7 +94,9 @@ class ReplayCamera:
         """Start; the settings in force are those of the recording, whatever is asked for."""
         self._armed_s, self._counter, self._triggered_s = self.clock.now(), -1, None
         self._trigger = settings.trigger
-        return replace(self._current.settings, trigger=settings.trigger)
+        recorded = self._current.settings
+        shots = any(frame.shot >= 0 for frame in self._current.sequence.frames)
+        return replace(recorded, trigger=settings.trigger, channel="rgb" if shots else recorded.channel)
 
     def disarm(self) -> None:
         """Stop; harmless when not armed."""
@@ -128,9 +131,19 @@ class ReplayCamera:
         self.clock.sleep(max(0.0, wait_s))
         self._counter, self._triggered_s = counter, None
         index = max((flip for flip in self._flips if flip[0] <= start_s), default=(0.0, -1))[1]
-        blank = np.zeros(self._current.frames.shape[1:], self._current.frames.dtype)
-        image = blank if index < 0 else self._current.frames[index]
-        return RawFrame(image, counter, start_s, start_s + _exposure_s(self._current))
+        return RawFrame(self._image(index), counter, start_s, start_s + _exposure_s(self._current))
+
+    def _image(self, index: int) -> Array:
+        """Return what was recorded under pattern `index`, black for a negative one; all channels of a shot."""
+        frames, described = self._current.frames, self._current.sequence.frames
+        shot = described[max(index, 0)].shot
+        if shot < 0:
+            return frames[index] if index >= 0 else np.zeros(frames.shape[1:], frames.dtype)
+        image = np.zeros((*frames.shape[1:], len(_CHANNELS)), frames.dtype)
+        for place, frame in enumerate(described):
+            if index >= 0 and frame.shot == shot:
+                image[:, :, _CHANNELS.index(frame.channel)] = frames[place]
+        return image
 
     def cue(self, sequence: PatternSequence, role: str) -> None:
         """Take the next recording of `role` that was made with `sequence`.

@@ -94,7 +94,8 @@ class SimulatedCamera:
         except DeviceAbsent:
             self._readout, self._open = None, False
             raise
-        return replace(frame, image=checked_image(frame.image, self.size_px, self._settings.bits))
+        channels = 3 if self._settings.channel == "rgb" else 1
+        return replace(frame, image=checked_image(frame.image, self.size_px, self._settings.bits, channels))
 
     def _require_open(self) -> None:
         if not self._open:
