@@ -16,7 +16,14 @@ from typing import Any, Literal
 
 from fringed.acquisition.calibrating import LatencyCalibration
 from fringed.acquisition.latency import LatencyResult
-from fringed.acquisition.listener import AcquisitionRequest, LatencyRequest, Listener, OpenSet, SetUnderWay, small_picture
+from fringed.acquisition.listener import (
+    AcquisitionRequest,
+    LatencyRequest,
+    Listener,
+    OpenSet,
+    SetUnderWay,
+    small_picture,
+)
 from fringed.acquisition.port import RigPort
 from fringed.acquisition.rig import Rig, Station
 from fringed.acquisition.sampling import full_scale

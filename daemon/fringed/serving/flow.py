@@ -9,12 +9,12 @@ from abc import ABC, abstractmethod
 from typing import ClassVar
 
 from fringed import wire
-from fringed.data import Truth
+from fringed.data import Array, Truth
 from fringed.errors import FringedError
 from fringed.messages import ErrorInfo, Event
 from fringed.serving.house import House
 from fringed.serving.jobs import JobRun
-from fringed.serving.ports import AcquiredSet
+from fringed.serving.ports import AcquiredSet, SetUnderWay
 from fringed.serving.records import Record
 from fringed.serving.requests import error_info
 
@@ -54,6 +54,9 @@ class Flow(ABC):
 
     def acquiring(self, fraction: float, text: str) -> None:  # noqa: B027  most kinds take no sets
         """Know how far the sets are."""
+
+    def frame_kept(self, of: SetUnderWay, index: int, image: Array) -> None:  # noqa: B027
+        """See a frame of a set that is being taken."""
 
     def set_acquired(self, acquired: AcquiredSet) -> None:
         """Take a set that passed its check."""

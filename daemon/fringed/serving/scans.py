@@ -9,14 +9,14 @@ import logging
 from collections.abc import Mapping
 from typing import Any
 
-from fringed.data import Truth
+from fringed.data import Array, Truth
 from fringed.errors import FringedError
 from fringed.messages import Event, ScanState
 from fringed.serving.flow import Flow
 from fringed.serving.house import House
 from fringed.serving.other_flows import LatencyFlow, ProcessFlow, RepublishFlow
 from fringed.serving.plans import Plan
-from fringed.serving.ports import AcquiredSet, Rig
+from fringed.serving.ports import AcquiredSet, Rig, SetUnderWay
 from fringed.serving.records import Record
 from fringed.serving.requests import error_info
 from fringed.serving.scan_flow import ScanFlow
@@ -95,6 +95,12 @@ class Scans:
         flow = self._flows.get(scan)
         if flow is not None:
             flow.acquiring(fraction, text)
+
+    def frame_kept(self, of: SetUnderWay, index: int, image: Array) -> None:
+        """Pass on a frame of a set that is being taken."""
+        flow = self._flows.get(of.scan)
+        if flow is not None:
+            flow.frame_kept(of, index, image)
 
     def set_acquired(self, acquired: AcquiredSet) -> None:
         """Count and pass on a good set."""

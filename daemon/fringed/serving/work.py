@@ -14,8 +14,9 @@ from typing import Any, Protocol
 import zmq
 
 from fringed import wire
+from fringed.data import Array
 from fringed.errors import DataError, WireError
-from fringed.messages import ErrorInfo, Job, JobFailed
+from fringed.messages import ErrorInfo, FeedBegin, FeedLost, Job, JobFailed
 
 _log = logging.getLogger(__name__)
 
@@ -24,8 +25,25 @@ _BURST = 16  # messages taken before others have their turn
 _HIGH_WATER_MARK = 64
 
 
+class FeedLogic(Protocol):
+    """What this socket needs of who decides which worker is fed."""
+
+    def begin(self, begin: FeedBegin, now: float) -> bool:
+        """Feed a set to an idle worker."""
+
+    def frame(self, feed_id: str, index: int, image: Array, now: float) -> None:
+        """Send its next frame."""
+
+    def drop(self, feed_id: str, reason: str, now: float) -> None:
+        """Have its frames forgotten."""
+
+
 class WorkLogic(Protocol):
     """What this socket needs of the dispatcher."""
+
+    @property
+    def feeding(self) -> FeedLogic:
+        """Who is fed."""
 
     def submit(self, job: Job, watcher: Any, now: float, timeout_s: float | None = None) -> None:
         """Queue a job."""
@@ -110,6 +128,21 @@ class WorkSocket:
         self._logic.taken(job, stage)
         self.flush()
 
+    def feed_begin(self, begin: FeedBegin) -> None:
+        """Feed a set to an idle worker, if there is one."""
+        self._logic.feeding.begin(begin, time.monotonic())
+        self.flush()
+
+    def feed_frame(self, feed: str, index: int, image: Array) -> None:
+        """Send its next frame; harmless where nobody is fed."""
+        self._logic.feeding.frame(feed, index, image, time.monotonic())
+        self.flush()
+
+    def feed_drop(self, feed: str, reason: str) -> None:
+        """Have its frames forgotten; harmless where nobody is fed, or a job has them."""
+        self._logic.feeding.drop(feed, reason, time.monotonic())
+        self.flush()
+
     def serve(self) -> None:
         """Take what has come, at most a burst of it, and send what follows from it."""
         for _ in range(_BURST):
@@ -165,9 +198,11 @@ class WorkSocket:
     def _send(self, worker: str, message: Any) -> None:
         try:
             frames = [_identity(worker), *wire.encode(message)]
-        except DataError as error:  # only a job holds what came from outside
-            failed = JobFailed(message.id, "", ErrorInfo("DataError", error.message), retry=False)
-            self._logic.received(worker, failed, time.monotonic())
+        except DataError as error:  # only a job, and what announces one, hold what came from outside
+            answer: JobFailed | FeedLost = FeedLost(getattr(message, "feed", ""), error.message)
+            if isinstance(message, Job):
+                answer = JobFailed(message.id, "", ErrorInfo("DataError", error.message), retry=False)
+            self._logic.received(worker, answer, time.monotonic())
             return
         try:
             self.socket.send_multipart(frames, zmq.NOBLOCK, copy=False)

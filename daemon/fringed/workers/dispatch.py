@@ -1,7 +1,8 @@
 """Which worker gets which job, and what becomes of a job whose worker fails: a pure state machine.
 
-Owns the queue, the credits, retries and quarantine. Time is passed in, messages to send pile up in the outbox,
-workers to end in the list of the condemned: no sockets, no threads, no clock, no processes.
+Owns credits, time and order; `ledger` what becomes of a job, `feeding` who is fed. Time is passed in, messages to
+send pile up in the outbox, workers to end in the list of the condemned: no sockets, no threads, no clock, no
+processes.
 
 A job is tried at least once and answered exactly once. A failure that its worker took part in (crash, hang,
 memory, an exception that may pass) is tried again, if possible elsewhere, until (subject, pipeline) has failed
@@ -11,11 +12,9 @@ unset) fails at once and leaves no mark.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from typing import Any
 
-from fringed.data import RECORDED
-from fringed.errors import Quarantined, UsageError
 from fringed.messages import (
     ErrorInfo,
     FeedLost,
@@ -32,8 +31,8 @@ from fringed.messages import (
     WorkerStop,
 )
 from fringed.workers.feeding import Feeding
-from fringed.workers.jobs import Entry, Limits, Watcher, pipeline_of, subject_of
-from fringed.workers.quarantine import Quarantine
+from fringed.workers.jobs import Entry, Limits, Watcher
+from fringed.workers.ledger import Ledger
 from fringed.workers.roster import Peer, Roster
 
 JobMessage = JobProgress | StageDone | JobDone | JobFailed
@@ -44,11 +43,10 @@ class Dispatcher:
 
     def __init__(self, limits: Limits | None = None) -> None:
         self.limits = limits or Limits()
-        self.quarantine = Quarantine(self.limits.attempts)
         self.counters: Counter[str] = Counter()
         self.peers = Roster()
-        self._entries: dict[str, Entry] = {}
-        self._queue: deque[str] = deque()
+        self._jobs = Ledger(self.limits.attempts, self.counters)
+        self.quarantine = self._jobs.quarantine
         self._outbox: list[tuple[str, Any]] = []
         self._condemned: list[tuple[str, str]] = []
         self.feeding = Feeding(self.peers, lambda *addressed: self._outbox.append(addressed), self.counters)
@@ -71,25 +69,16 @@ class Dispatcher:
         UsageError
             it has no stage, two of one name, or its id is taken.
         """
-        names = [stage.name for stage in job.stages]
-        if not names or len(set(names)) != len(names) or job.id in self._entries:
-            raise UsageError(f"job {job.id!r} has the stages {names}; it needs one or more, each of its own name")
-        subject, pipeline = subject_of(job), pipeline_of(job)
-        refused = self.quarantine.refusal(subject, pipeline)
-        if refused is not None:
-            raise Quarantined(refused.message)
-        timeout_s = self.limits.job_timeout_s if timeout_s is None else timeout_s
-        self._entries[job.id] = Entry(job, watcher, subject, pipeline, timeout_s)
-        self._queue.append(job.id)
+        self._jobs.add(job, watcher, self.limits.job_timeout_s if timeout_s is None else timeout_s)
         self._assign(now)
 
     def cancel(self, job: str, now: float) -> bool:
         """Stop a job; return whether it was still on its way. Its `on_failed` tells Cancelled."""
-        entry = self._entries.get(job)
+        entry = self._jobs.entries.get(job)
         if entry is None:
             return False
         if not entry.worker:
-            self._finish(entry, ErrorInfo("Cancelled", "cancelled before it began"), False)
+            self._jobs.finish(entry, ErrorInfo("Cancelled", "cancelled before it began"), False)
         elif self._running(entry):
             self._ask_to_stop(entry, "cancelled", now)
         else:  # waits behind another one: its worker skips it
@@ -99,7 +88,7 @@ class Dispatcher:
 
     def taken(self, job: str, stage: str) -> None:
         """Tell the job's worker that a stage's product is announced; unknown jobs are no matter."""
-        entry = self._entries.get(job)
+        entry = self._jobs.entries.get(job)
         if entry is not None and entry.worker in self.peers:
             self._outbox.append((entry.worker, StageTaken(job, stage)))
 
@@ -108,8 +97,8 @@ class Dispatcher:
         for peer in self.peers.values():
             peer.jobs.clear()
             peer.capacity = 0
-        for entry in list(self._entries.values()):
-            self._finish(entry, ErrorInfo("Cancelled", reason), False)
+        for entry in list(self._jobs.entries.values()):
+            self._jobs.finish(entry, ErrorInfo("Cancelled", reason), False)
         self._outbox = [(name, WorkerStop(reason)) for name in self.peers]
 
     def take_outbox(self) -> list[tuple[str, Any]]:
@@ -125,12 +114,12 @@ class Dispatcher:
     @property
     def waiting(self) -> int:
         """How many jobs wait for a worker."""
-        return len(self._queue)
+        return len(self._jobs.queue)
 
     @property
     def active(self) -> tuple[str, ...]:
         """The ids of all jobs on their way."""
-        return tuple(self._entries)
+        return tuple(self._jobs.entries)
 
     # What happens.
 
@@ -171,15 +160,15 @@ class Dispatcher:
             return
         self.counters["workers_lost"] += 1
         self.feeding.gone(worker, blame and not peer.jobs)
-        entries = [self._entries[job] for job in peer.jobs]
+        entries = [self._jobs.entries[job] for job in peer.jobs]
         blamed = 1 if blame else 0
         for entry in reversed(entries[blamed:]):
-            self._requeue(entry, reason)
+            self._jobs.requeue(entry, reason)
         for entry in entries[:blamed]:
             if entry.stop == "cancelled":
-                self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
+                self._jobs.finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
             else:
-                self._attempt_failed(entry, ErrorInfo("WorkerLost", f"its worker {reason}"))
+                self._jobs.attempt_failed(entry, ErrorInfo("WorkerLost", f"its worker {reason}"))
         self._assign(now)
 
     def tick(self, now: float) -> None:
@@ -192,7 +181,7 @@ class Dispatcher:
                 self._condemn(peer, f"was silent for {now - peer.heard_s:.1f} s", now)
                 continue
             for job in peer.jobs[:1]:
-                self._watch_time(peer, self._entries[job], now)
+                self._watch_time(peer, self._jobs.entries[job], now)
         self._assign(now)
 
     # Inside.
@@ -210,83 +199,29 @@ class Dispatcher:
     def _feed_lost(self, peer: Peer, lost: FeedLost, now: float) -> None:
         self.feeding.lost(peer.name, lost)
         if lost.job in peer.jobs:  # it refers to frames that are not there: no fault of the job
-            entry = self._entries[lost.job]
+            entry = self._jobs.entries[lost.job]
             self._release(peer, entry, now)
-            self._requeue(entry, "lost the frames that it was fed")
+            self._jobs.requeue(entry, "lost the frames that it was fed")
         self._assign(now)
-
-    def _requeue(self, entry: Entry, reason: str) -> None:
-        """Give it to whoever is free, first of all; nobody is to blame."""
-        if entry.stop == "cancelled":
-            self._finish(entry, ErrorInfo("Cancelled", f"cancelled; its worker {reason}"), False)
-        else:
-            entry.unassign()
-            self._queue.appendleft(entry.job.id)
 
     def _job_message(self, peer: Peer, message: JobMessage, now: float) -> None:
         if message.job not in peer.jobs:
             self.counters["stray"] += 1
             return
-        entry = self._entries[message.job]
+        entry = self._jobs.entries[message.job]
         if isinstance(message, JobProgress):
             entry.stage = message.stage or entry.stage
             entry.watcher.on_progress(message)
         elif isinstance(message, StageDone):
-            self._stage_done(entry, message)
+            self._jobs.stage_done(entry, message)
         else:
             self._release(peer, entry, now)
             if isinstance(message, JobDone):
                 peer.done += 1
-                self._job_done(entry, message)
+                self._jobs.done(entry, message)
             else:
-                self._job_failed(entry, message)
+                self._jobs.failed(entry, message)
             self._assign(now)
-
-    def _stage_done(self, entry: Entry, done: StageDone) -> None:
-        kept = {stage.name: stage.keep for stage in entry.job.stages}
-        if done.stage not in kept or kept[done.stage] != isinstance(done.product, RECORDED):
-            self.counters["stray"] += 1  # the stage stays unanswered, which fails the attempt when the job ends
-            return
-        entry.answered.add(done.stage)
-        if done.stage not in entry.delivered:  # an earlier attempt may have delivered it before it failed
-            entry.delivered.add(done.stage)
-            entry.watcher.on_stage(done)
-
-    def _job_done(self, entry: Entry, done: JobDone) -> None:
-        missing = entry.missing()
-        if missing:
-            self._attempt_failed(entry, ErrorInfo("DataError", f"no answer came from the stages {', '.join(missing)}"))
-            return
-        self.quarantine.succeeded(entry.subject, entry.pipeline)
-        self.counters["jobs_done"] += 1
-        self._forget(entry)
-        entry.watcher.on_done(done)
-
-    def _job_failed(self, entry: Entry, failed: JobFailed) -> None:
-        error = failed.error
-        if entry.stop == "overtime":
-            text = f"stage {failed.stage!r} took longer than the {entry.timeout_s:g} s of workers.job_timeout_s"
-            self._attempt_failed(entry, ErrorInfo("WorkerLost", text, error.detail))
-        elif entry.stop == "cancelled":
-            self._finish(entry, ErrorInfo("Cancelled", f"cancelled in stage {failed.stage!r}"), False)
-        elif failed.retry:
-            self._attempt_failed(entry, error)
-        else:
-            self._finish(entry, error, False)
-
-    def _attempt_failed(self, entry: Entry, error: ErrorInfo) -> None:
-        self.counters["attempts_failed"] += 1
-        given_up = self.quarantine.failed(entry.subject, entry.pipeline, error.message)
-        if given_up is None:
-            self.counters["jobs_retried"] += 1
-            entry.again()
-            self._queue.appendleft(entry.job.id)
-            return
-        self.counters["quarantined"] += 1
-        refused = self.quarantine.refusal(entry.subject, entry.pipeline)
-        assert refused is not None
-        detail = (f"{error.code}: {error.message}", *error.detail)
-        self._finish(entry, ErrorInfo(refused.code, refused.message, detail), True)
 
     def _watch_time(self, peer: Peer, entry: Entry, now: float) -> None:
         if entry.started_s is None:
@@ -319,34 +254,24 @@ class Dispatcher:
     def _release(self, peer: Peer, entry: Entry, now: float) -> None:
         peer.jobs.remove(entry.job.id)
         for job in peer.jobs[:1]:
-            following = self._entries[job]
+            following = self._jobs.entries[job]
             following.started_s = now
             if following.stop and following.kill_at_s is None:
                 following.kill_at_s = now + self.limits.cancel_grace_s
 
-    def _finish(self, entry: Entry, error: ErrorInfo, quarantined: bool) -> None:
-        self.counters["jobs_cancelled" if error.code == "Cancelled" else "jobs_failed"] += 1
-        self._forget(entry)
-        entry.watcher.on_failed(error, quarantined)
-
-    def _forget(self, entry: Entry) -> None:
-        self._entries.pop(entry.job.id, None)
-        if entry.job.id in self._queue:
-            self._queue.remove(entry.job.id)
-
     def _assign(self, now: float) -> None:
-        for job in list(self._queue):
-            entry = self._entries.get(job)
+        for job in list(self._jobs.queue):
+            entry = self._jobs.entries.get(job)
             if entry is None or entry.worker:  # a watcher may have submitted or cancelled meanwhile
                 continue
             refused = self.quarantine.refusal(entry.subject, entry.pipeline)
             if refused is not None:
-                self._finish(entry, refused, True)
+                self._jobs.finish(entry, refused, True)
                 continue
             self.feeding.settle(entry.job, now)
             peer = self.peers.choose(entry.job, entry.avoid, self.feeding.rank)
             if peer is not None:
-                self._queue.remove(job)
+                self._jobs.queue.remove(job)
                 self._give(peer, entry, now)
 
     def _give(self, peer: Peer, entry: Entry, now: float) -> None:
