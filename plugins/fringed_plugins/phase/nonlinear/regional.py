@@ -1,0 +1,152 @@
+"""Harmonics of the phase error from the maps of several frequencies alone, following the blur over the field.
+
+Owns what is fitted and how it is taken off; the least squares are in `regional_fit`. The wrapped phases of two
+frequencies are the same column in two scales, but for their errors; these have other periods, N times their fringes',
+so that one fit tells both apart. No calibration and no second surface is needed: what is corrected is the very scan.
+
+How strong a harmonic is depends on the blur, and that on the surface. The ratio of the fine fringes' modulation to the
+coarse ones' tells the blur of every pixel, whatever the surface's colour; each harmonic is a polynomial of its logarithm.
+No shape of the blur is assumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from fringed_plugins.parallel import run_rows
+from fringed_plugins.phase.nonlinear.correct_kernel import remove_rows
+from fringed_plugins.phase.nonlinear.regional_fit import Fit, Fringes
+
+Float32Array = npt.NDArray[np.float32]
+Float64Array = npt.NDArray[np.float64]
+
+_ROUNDS = 12
+_PLAIN_ROUNDS = 3  # with the same harmonics everywhere, until the modulations are free of ripple
+_BLUR_WINDOW_PX = 15
+_SETTLED_RAD = 1e-5
+
+
+@dataclass(frozen=True)
+class RegionalHarmonics:
+    """The error of the finest fringes: `series` (3, 3), multiples of N by powers of the blur indicator.
+
+    `indicator` (height, width) is the logarithm of fine over coarse modulation, smoothed; it enters as
+    `(indicator - centre) / spread`, within -1 to 1. `rms_rad` is the RMS of the error over the pixels, `deviation_rad`
+    the standard deviation of the correction from the noise of the maps, `disagreement_rad` the RMS difference of the
+    maps, in phase of the coarser ones, before and after.
+    """
+
+    series: Float64Array
+    steps: int
+    indicator: Float32Array
+    centre: float
+    spread: float
+    rms_rad: float
+    deviation_rad: float
+    disagreement_rad: tuple[float, float]
+    pixels: int
+    converged: bool
+    reason: str
+
+
+def estimate_harmonics(
+    phase_rad: Float32Array, fine: Fringes, coarser: Sequence[Fringes], blur_terms: int = 3
+) -> RegionalHarmonics:
+    """Return the harmonics of the error of `fine`, whose absolute phase is `phase_rad` (height, width), NaN where none.
+
+    Measured = true + angle(1 + sum_k q_k exp(-i k N true)), k = 1, 2, 3, which holds for an error of any size and any odd
+    shape; q_k is a polynomial of `blur_terms` (1 to 3) coefficients in the blur indicator. Gauss-Newton on the differences
+    of `coarser` to what `phase_rad` predicts for them; outliers, such as wrong fringe orders, are left out.
+
+    Raises
+    ------
+    ValueError
+        no second frequency, or fewer than 500 pixels.
+
+    References
+    ----------
+    Xing & Guo 2018 (harmonics from the maps of a multi-frequency scan), with two differences: the error is not taken to
+    first order, and its size follows the measured blur instead of being one for the whole field.
+
+    Examples
+    --------
+    >>> u = np.linspace(100, 900, 60000).reshape(200, 300)
+    >>> bend = lambda phase: phase + np.angle(1 + 0.2 * np.exp(-3j * phase))  # three steps, B_2 / B_1 = 0.2
+    >>> maps = [Fringes(np.exp(1j * bend(2 * np.pi * u / p)).astype(np.complex64), 3, p) for p in (16.0, 128.0)]
+    >>> found = estimate_harmonics(bend(2 * np.pi * u / 16).astype(np.float32), maps[0], maps[1:])
+    >>> found.converged, round(float(found.series[0, 0]), 3)
+    (True, 0.2)
+    """
+    if not coarser:
+        raise ValueError(
+            "one frequency cannot tell its error from the surface; scan with two or more, or compensate with a tone "
+            "curve before projecting"
+        )
+    if blur_terms not in (1, 2, 3):
+        raise ValueError(f"{blur_terms} blur terms; 1 (the same everywhere), 2 or 3")
+    fit = Fit((fine, *coarser), phase_rad)
+    indicator = np.zeros(phase_rad.shape, np.float32)
+    before, reason = 0.0, f"it still changes after {_ROUNDS} rounds"
+    for number in range(_ROUNDS):
+        follows_blur = number >= _PLAIN_ROUNDS and blur_terms > 1
+        if follows_blur and number < _ROUNDS - 4:  # the last rounds settle on one indicator
+            indicator = blur_indicator(*fit.clean_modulations(), np.isfinite(phase_rad))
+            fit.place_blur(indicator)
+        change = fit.improve(blur_terms if follows_blur else 1)
+        before = before or fit.disagreement_rad[0]
+        if number > _PLAIN_ROUNDS and change < max(_SETTLED_RAD, 0.1 * fit.deviation_rad):
+            reason = ""
+            break
+    return RegionalHarmonics(
+        series=fit.series[0].copy(),
+        steps=fine.steps,
+        indicator=indicator,
+        centre=fit.centre,
+        spread=fit.spread,
+        rms_rad=float(np.sqrt(np.mean(fit.error_rad**2))),
+        deviation_rad=fit.deviation_rad,
+        disagreement_rad=(before, fit.disagreement_rad[1]),
+        pixels=fit.pixels,
+        converged=not reason,
+        reason=reason,
+    )
+
+
+def blur_indicator(fine: Float32Array, coarse: Float32Array, valid: npt.NDArray[np.bool_]) -> Float32Array:
+    """Return the logarithm of fine over coarse modulation, averaged over 15 x 15 `valid` pixels; 0 where none are."""
+    from scipy.ndimage import uniform_filter
+
+    good = valid & (fine > 0) & (coarse > 0)
+    ratio = np.zeros(fine.shape, np.float32)
+    ratio[good] = np.log(fine[good] / coarse[good])
+    weight = uniform_filter(good.astype(np.float32), _BLUR_WINDOW_PX, mode="constant")
+    total = uniform_filter(ratio, _BLUR_WINDOW_PX, mode="constant")
+    return np.asarray(np.where(weight > 1e-4, total / np.maximum(weight, np.float32(1e-4)), 0.0), np.float32)
+
+
+def remove(phase_rad: Float32Array, harmonics: RegionalHarmonics, threads: int = 0) -> Float32Array:
+    """Return the phase (height, width), wrapped or absolute, without the error; NaN stays.
+
+    Raises
+    ------
+    ValueError
+        a phase of another size than the one that the harmonics were found on.
+    """
+    if phase_rad.shape != harmonics.indicator.shape:
+        raise ValueError(f"a phase of shape {phase_rad.shape} for harmonics of {harmonics.indicator.shape}")
+    out = np.empty(phase_rad.shape, np.float32)
+    numbers = (np.float32(harmonics.steps), np.float32(harmonics.centre), np.float32(harmonics.spread))
+    arrays = (_locked(phase_rad), _locked(harmonics.indicator), _locked(harmonics.series))
+    run_rows(remove_rows, len(out), *arrays, numbers, out, threads=threads)
+    return out
+
+
+def _locked(array: npt.NDArray[np.floating]) -> Float32Array:
+    """Return a C-ordered read-only float32 view: one compiled kernel for whatever is given."""
+    view = np.ascontiguousarray(array, np.float32).view()
+    view.flags.writeable = False
+    return view
