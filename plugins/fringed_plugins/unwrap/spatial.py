@@ -1,54 +1,52 @@
 """Quality-guided spatial unwrapping of one wrapped phase map.
 
-Owns the algorithm's outer steps and the offsets of regions; the loops are in `kernels`. What it cannot
+Owns the algorithm's outer steps; the loops are in `reliability`, `joining` and `contracting`. What it cannot
 know, it does not claim: between regions, and for the whole, the multiple of 2 pi is a convention.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.unwrap import kernels
+from fringed_plugins.unwrap import contracting, joining, reliability
+from fringed_plugins.unwrap.checking import check_range, weights, wrapped_phase
+from fringed_plugins.unwrap.finishing import Unwrapped, finish
 
 Float32Array = npt.NDArray[np.float32]
-Int32Array = npt.NDArray[np.int32]
+Groups = tuple[Any, Any, Any, Any]
 
-_COST_AT_TOP = 16.0  # rad; costs beyond it share the last level
-
-
-class Unwrapped(NamedTuple):
-    """Phase (height, width) float32, NaN where unknown; regions numbered from 1, the largest first."""
-
-    phase_rad: Float32Array
-    regions: Int32Array
-    sizes: tuple[int, ...]
+_FEW_RESIDUES = 0.003  # of the pixels; with more, pairs that cost less than any residue are too few to be worth it
 
 
 def unwrap(
     wrapped_rad: npt.NDArray[Any], quality: npt.NDArray[Any] | None = None, min_region_px: int = 1, threads: int = 0
 ) -> Unwrapped:
-    """Unwrap a phase (height, width), the most reliable pixels first.
+    """Unwrap a phase (height, width) in [-pi, pi] rad, the most reliable pairs of neighbours first.
 
-    NaN pixels are left out; whatever they separate becomes a region of its own. `quality` (height,
-    width), such as the modulation, makes pixels above its median count as more reliable. Each region
-    is put where the median of its phase lies within (-pi, pi]. Regions of fewer than `min_region_px`
-    pixels become NaN.
+    NaN and infinite pixels are left out; whatever they separate becomes a region of its own, and regions
+    of fewer than `min_region_px` pixels become NaN. `quality` (height, width), such as the modulation,
+    makes pixels above its median count as more reliable. The result is the wrapped phase plus multiples
+    of 2 pi, whatever the input; where a surface jumps by more than half a period it is wrong, and does not
+    know it.
 
-    Edges between neighbours are merged in the order of the reliability of their pixels (Herraez et al.
-    2002), here with a counting sort and a union-find that carries multiples of 2 pi.
+    Pairs of neighbours are joined by rising cost, as in Herraez et al., which builds the spanning tree of
+    least cost. A pixel's cost is `2 s + D / 2`, from the variance `s^2` of the wrapped differences in its
+    3 x 3 neighbourhood and its second differences `D`. The tree is not built by sorting pairs: see
+    `joining` for the bulk of a good map, `contracting` for the rest.
 
     Raises
     ------
     ValueError
-        arrays of other shapes.
+        arrays of other shapes; a phase beyond [-pi, pi].
 
     References
     ----------
-    Herraez, Burton, Lalor, Gdeisat 2002, Applied Optics 41, 7437.
+    Herraez, Burton, Lalor, Gdeisat 2002, Applied Optics 41, 7437. The variance: Ghiglia, Pritt 1998,
+    Two-Dimensional Phase Unwrapping, section 3.3. Rounds of cheapest pairs: Boruvka 1926.
 
     Examples
     --------
@@ -57,73 +55,58 @@ def unwrap(
     >>> bool(np.ptp(result.phase_rad - ramp) < 1e-5)
     True
     """
-    phase = np.ascontiguousarray(wrapped_rad, np.float32)
-    if phase.ndim != 2 or (quality is not None and quality.shape != phase.shape):
-        shape = None if quality is None else quality.shape
-        raise ValueError(f"a phase of shape {phase.shape} with a quality of {shape}; both must be (height, width)")
-    phase = np.where(np.isfinite(phase), phase, np.float32(np.nan))
-    edges = _sorted_edges(phase, _weights(phase, quality), threads)
-    flat = phase.ravel()
-    parent = np.arange(flat.size, dtype=np.int32)
-    turns, size = np.zeros(flat.size, np.int32), np.ones(flat.size, np.int32)
-    kernels.merge(flat, edges, phase.shape[1], parent, turns, size)
-    out, regions = np.empty_like(flat), np.empty(flat.size, np.int32)
-    count = kernels.resolve(flat, parent, turns, np.zeros(flat.size, np.int32), out, regions)
-    return _ordered(out.reshape(phase.shape), regions.reshape(phase.shape), count, min_region_px)
+    original = wrapped_phase(wrapped_rad)
+    factors, middle = weights(quality, original.shape)
+    phase = original if original.dtype == np.float32 else original.astype(np.float32)
+    cost, largest = np.empty_like(phase), np.empty(phase.shape[0], np.float32)
+    run_rows(reliability.cost_rows, phase.shape[0], phase, factors, middle, cost, largest, threads=threads)
+    check_range(float(largest.max()))
+    groups, regions = _tree(phase, cost, threads)
+    return finish(original, groups, regions, min_region_px, threads)
 
 
-def _weights(phase: Float32Array, quality: npt.NDArray[Any] | None) -> Float32Array:
-    """Return factors of the cost: 1 at the median quality, more where it is lower."""
-    if quality is None:
-        return np.ones(phase.shape, np.float32)
-    good = np.isfinite(phase) & np.isfinite(quality) & (quality > 0)
-    if not good.any():
-        return np.ones(phase.shape, np.float32)
-    middle = np.float32(np.median(quality[good]))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        weight = np.float32(0.5) + np.float32(0.5) * middle / np.asarray(quality, np.float32)
-    return np.where(good, np.clip(weight, 0.5, 10.0), 10.0).astype(np.float32)
+def _tree(phase: Float32Array, cost: Float32Array, threads: int) -> tuple[tuple[Any, Any], tuple[int, Any, Any]]:
+    """Return groups of pixels, and the regions that they belong to, as `finish` takes them."""
+    first, turns = np.empty(phase.shape, np.int32), np.empty(phase.shape, np.int32)
+    groups = (first, turns, np.empty(phase.size, np.int32), np.empty(phase.size, np.int32))
+    count = _bulk(phase, cost, groups, threads)
+    if count is None:
+        count = _basins(phase, cost, groups, threads)
+    region, over = np.zeros(count, np.int32), np.zeros(count, np.int32)
+    if count < 2:
+        return (first, turns), (count, region, over)
+    pairs = _pairs(phase, cost, (first, turns), threads)
+    return (first, turns), (contracting.join_groups(pairs, region, over), region, over)
 
 
-def _sorted_edges(phase: Float32Array, weight: Float32Array, threads: int) -> Int32Array:
-    cost = np.empty_like(phase)
-    run_rows(kernels.cost_rows, phase.shape[0], phase, weight, cost, threads=threads)
-    scale = np.float32(kernels.LEVELS / _COST_AT_TOP)
-    counts = np.zeros(kernels.LEVELS + 1, np.int64)
-    kernels.count_edges(phase, cost, scale, counts)
-    start = np.cumsum(counts)
-    edges: Int32Array = np.empty(int(start[-1]), np.int32)
-    kernels.sort_edges(phase, cost, scale, start[:-1].copy(), edges)
-    return edges
+def _bulk(phase: Float32Array, cost: Float32Array, groups: Groups, threads: int) -> int | None:
+    """Join what is cheaper than any loop around a residue; return how many groups, None where loops contradict."""
+    height = phase.shape[0]
+    bound, residues = np.full(height, np.inf, np.float32), np.zeros(height, np.int64)
+    run_rows(joining.bound_rows, height - 1, phase, cost, bound, residues, threads=threads)
+    if residues.sum() > _FEW_RESIDUES * phase.size:
+        return None
+    limit, bad = bound.min(), np.empty(height, np.int64)
+    run_rows(joining.join_rows, height, (phase, cost), limit, groups, bad, threads=threads)
+    if joining.join_seams((phase, cost), limit, groups, bad) > 0:
+        return None
+    return joining.settle_runs(groups)
 
 
-def _ordered(phase: Float32Array, regions: Int32Array, count: int, least: int) -> Unwrapped:
-    """Sort the regions by size, drop small ones, and set each region's multiple of 2 pi."""
-    sizes = np.bincount(regions.ravel(), minlength=count + 1)
-    sizes[0] = 0
-    order = np.argsort(-sizes[1:], kind="stable") + 1
-    kept = order[sizes[order] >= max(least, 1)]
-    renumber = np.zeros(count + 1, np.int32)
-    renumber[kept] = np.arange(1, len(kept) + 1, dtype=np.int32)
-    regions = renumber[regions]
-    shift = _median_turns(phase, regions, len(kept))
-    phase -= (2 * np.pi * shift).astype(np.float32)[regions]
-    phase[regions == 0] = np.nan
-    return Unwrapped(phase, regions, tuple(int(n) for n in sizes[kept]))
+def _basins(phase: Float32Array, cost: Float32Array, groups: Groups, threads: int) -> int:
+    """Join each pixel to its most reliable neighbour; return how many groups that makes."""
+    first, turns, parent, over = groups
+    run_rows(contracting.point_rows, phase.shape[0], phase, cost, parent, over, threads=threads)
+    run_rows(contracting.cut_circles, phase.size, parent, over, threads=threads)
+    return contracting.settle_tree(cost.ravel(), parent, over, first.ravel(), turns.ravel())
 
 
-def _median_turns(phase: Float32Array, regions: Int32Array, count: int) -> npt.NDArray[np.float64]:
-    """Return the multiple of 2 pi nearest to each region's median, by number; 0 for number 0."""
-    shift = np.zeros(count + 1)
-    if count == 0:
-        return shift
-    if count == 1:
-        shift[1] = np.round(np.median(phase[regions == 1]) / (2 * np.pi))
-        return shift
-    flat = regions.ravel()
-    order = np.argsort(flat, kind="stable")
-    edges = np.searchsorted(flat[order], np.arange(count + 2))
-    values = phase.ravel()[order]
-    for number in range(1, count + 1):
-        shift[number] = np.round(np.median(values[edges[number] : edges[number + 1]]) / (2 * np.pi))
-    return shift
+def _pairs(phase: Float32Array, cost: Float32Array, groups: tuple[Any, Any], threads: int) -> tuple[Any, ...]:
+    """Return the pairs of neighbours between groups that may be in the cheapest tree."""
+    height = phase.shape[0]
+    counts = np.empty(height, np.int64)
+    run_rows(contracting.count_rows, height, cost, groups[0], counts, threads=threads)
+    ends = np.cumsum(counts)
+    pairs = (*(np.empty(ends[-1], np.int32) for _ in range(3)), np.empty(ends[-1], np.float32))
+    run_rows(contracting.list_rows, height, (phase, cost, *groups), ends, pairs, threads=threads)
+    return pairs
