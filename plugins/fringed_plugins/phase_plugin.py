@@ -13,6 +13,7 @@ from fringed.hookspecs import hookimpl
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.decoders.unwrapping import UnwrapDifference
+from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
 from fringed_plugins.encoders.one_shot import ColourBarsEncoder, OneShotFrequenciesEncoder, OneShotPhaseShiftEncoder
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
@@ -39,4 +40,5 @@ def register_processors() -> Sequence[type[Any]]:
         MultiFrequencyDecoder,
         UnwrapDifference,
         FourierDecoder,
+        WindowedFourier,
     )

@@ -76,7 +76,7 @@ class FourierDecoder:
 
         frame_set = checked_frames(inputs, self.name)
         context.check_cancelled()
-        fringes = _turned(fringes_of(frame_set, params.frame, params.use_second_frame), params.rises)
+        fringes = turned(fringes_of(frame_set, params.frame, params.use_second_frame), params.rises)
         band = band_of(fringes, frame_set, params)
         limits = frame_limits(frame_set, params)
         context.progress(0.1, f"carrier of {band.period_px:.4g} px")
@@ -101,7 +101,7 @@ class FourierDecoder:
         fourier.analytic_signal(np.zeros((16, 64), np.float32), np.ones((16, 64), bool), band, threads=1)
 
 
-def _turned(fringes: Fringes, rises: bool) -> Fringes:
+def turned(fringes: Fringes, rises: bool) -> Fringes:
     """Return the fringes with the phase rising to the right."""
     if rises:
         return fringes

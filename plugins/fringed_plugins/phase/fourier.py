@@ -23,16 +23,21 @@ Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 
 SATURATED, LOW_MODULATION, RESIDUAL, OTHER = (np.uint16(flag) for flag in (1, 2, 8, 128))
-_MARGIN_PERIODS = 3  # beyond the borders: what leaks around the transform's circle stays there
+_MARGIN_PERIODS = 4  # beyond the borders: what leaks around the transform's circle stays there
 
 
 class Analytic(NamedTuple):
-    """The filtered fringes: `cosine` + i `sine` = modulation exp(i phase), their background and q of the noise."""
+    """The filtered fringes: `cosine` + i `sine` = modulation exp(i phase), their background and q of the noise.
+
+    `continued` holds what was filtered: the fringes without background, continued into holes and beyond the
+    borders, periodic and larger than the frame.
+    """
 
     cosine: Float32Array
     sine: Float32Array
     background: Float32Array
-    noise_gain: float
+    noise_gain: float | Float32Array
+    continued: Float32Array
 
 
 class SingleFrame(NamedTuple):
@@ -100,7 +105,7 @@ def analytic_signal(
     period = max(round(band.period_px), 2)
     weight = valid.astype(np.float32)
     share = smooth(weight, period)
-    light = _first_background(frame * weight, share, period) if background is None else background
+    light: Float32Array = _first_background(frame * weight, share, period) if background is None else background
     canvas = np.zeros(shape, np.float32)
     canvas[:height, :width] = np.where(valid, frame - light, 0)
     for step in range(iterations + 1):
@@ -111,11 +116,13 @@ def analytic_signal(
         cosine = canvas[:height, :width]
         if step < iterations:
             if background is None:
-                light = smooth((frame - cosine) * weight, period) / np.maximum(share, 1e-6)
+                light = _ratio(smooth((frame - cosine) * weight, period), share)
             canvas[:height, :width] = np.where(valid, frame - light, cosine)
     spectrum *= np.complex64(-1j)
     sine = fft.irfft2(spectrum, shape, workers=workers, overwrite_x=True)[:height, :width]
-    return Analytic(cosine, sine, light, noise_gain(window, shape[1]))
+    cosine = cosine.copy()
+    canvas[:height, :width] = np.where(valid, frame - light, cosine)
+    return Analytic(cosine, sine, light, noise_gain(window, shape[1]), canvas)
 
 
 def _padded(shape: tuple[int, ...], band: Band) -> tuple[int, int]:
@@ -126,20 +133,24 @@ def _padded(shape: tuple[int, ...], band: Band) -> tuple[int, int]:
 
 def _first_background(masked: Float32Array, share: Float32Array, period: int) -> Float32Array:
     """Return the mean over whole periods; near the border that of the last whole one."""
-    light = smooth(masked, period) / np.maximum(share, 1e-6)
+    light = _ratio(smooth(masked, period), share)
     inner = min(period, (masked.shape[1] - 1) // 2)
     light[:, :inner] = light[:, inner : inner + 1]
     light[:, light.shape[1] - inner :] = light[:, -inner - 1 : light.shape[1] - inner]
     return light
 
 
+def _ratio(sums: Float32Array, share: Float32Array) -> Float32Array:
+    return np.asarray(sums / np.maximum(share, 1e-6), np.float32)
+
+
 def lit(frame: Float32Array, saturated: BoolArray, band: Band, least_dn: float) -> BoolArray:
     """Return where fringes of at least `least_dn` can be seen: what the filter may take as measured."""
     period = max(round(band.period_px), 2)
     weight = (~saturated).astype(np.float32)
-    share = np.maximum(smooth(weight, period), 1e-6)
-    fringes = (frame - smooth(frame * weight, period) / share) * weight
-    power = 2 * smooth(fringes * fringes, period) / share
+    share = smooth(weight, period)
+    fringes: Float32Array = (frame - _ratio(smooth(frame * weight, period), share)) * weight
+    power = 2 * _ratio(smooth(fringes * fringes, period), share)
     return np.asarray((power >= least_dn**2) & ~saturated)
 
 
@@ -155,13 +166,13 @@ def single_frame(
     share their noise.
     """
     period = max(round(band.period_px), 2)
-    modulation = np.hypot(found.cosine, found.sine)
+    modulation: Float32Array = np.hypot(found.cosine, found.sine)
     variance = noise.constant_dn2 + noise.slope_dn * np.maximum(found.background, 0)
     variance = (frame_variances * variance).astype(np.float32)
     weight = valid.astype(np.float32)
     share = smooth(weight, period)
     left = (frame - found.background - found.cosine) * weight
-    misfit = 2 * np.maximum(smooth(left * left, period) / np.maximum(share, 1e-6) - variance, 0)
+    misfit = 2 * np.maximum(_ratio(smooth(left * left, period), share) - variance, 0)
     least = np.maximum(limits.modulation_dn**2, limits.modulation_snr**2 * variance)
     rejected = np.where(saturated, SATURATED, np.uint16(0))
     rejected |= np.where((modulation**2 < least) | ~(valid | saturated), LOW_MODULATION, np.uint16(0))
@@ -171,11 +182,14 @@ def single_frame(
     if shift_rad:
         phase = phase - np.float32(shift_rad)
         phase -= np.float32(2 * np.pi) * np.rint(phase / np.float32(2 * np.pi))
-    sigma = np.sqrt(np.float32(found.noise_gain) * variance) / np.maximum(modulation, np.float32(1e-6))
+    deviation = np.sqrt(np.asarray(found.noise_gain, np.float32) * variance) / np.maximum(modulation, np.float32(1e-6))
     dropped = rejected != 0
-    phase = np.where(dropped, np.float32(np.nan), phase).astype(np.float32)
-    sigma = np.where(dropped, np.float32(np.nan), sigma).astype(np.float32)
-    return SingleFrame(phase, sigma, modulation, np.ascontiguousarray(found.background), rejected)
+    nan = np.float32(np.nan)
+    sigma = np.asarray(np.where(dropped, nan, deviation), np.float32)
+    phase = np.asarray(np.where(dropped, nan, phase), np.float32)
+    return SingleFrame(
+        phase, sigma, np.asarray(modulation, np.float32), np.ascontiguousarray(found.background), rejected
+    )
 
 
 def frame_noise(frame: Float32Array) -> NoiseModel:
