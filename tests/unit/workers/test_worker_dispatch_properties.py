@@ -7,15 +7,36 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from fringed.data import Mesh
+from fringed.data import CameraSettings, FrameSet, Mesh, PatternFrame, PatternSequence
 from fringed.errors import Quarantined
-from fringed.messages import ErrorInfo, Job, JobDone, JobFailed, StageCall, StageDone, WorkerAlive, WorkerReady
+from fringed.messages import (
+    ErrorInfo,
+    FedSet,
+    FeedBegin,
+    FeedFrame,
+    FeedLost,
+    FeedTaken,
+    Job,
+    JobDone,
+    JobFailed,
+    StageCall,
+    StageDone,
+    WorkerAlive,
+    WorkerReady,
+)
 from fringed.workers.dispatch import Dispatcher
 from fringed.workers.jobs import Limits, Watcher
 
 ATTEMPTS = 3
 WORKERS = st.sampled_from(["a", "b", "c"])
 PRODUCT = Mesh(np.zeros((3, 3)), np.zeros((1, 3), np.int32), id="product")
+
+STAGES = (StageCall("s", "processor", "s"),)
+FRAMES = 3
+SEQUENCE = PatternSequence(
+    "toy", 4, 4, (PatternFrame("gray", period_px=4.0),) * FRAMES, (np.zeros((1, 4, 1), np.uint8),) * FRAMES
+)
+IMAGE = np.zeros((1, 1), np.uint8)
 
 
 class Dispatching(RuleBasedStateMachine):
@@ -30,11 +51,22 @@ class Dispatching(RuleBasedStateMachine):
         self.ends: Counter[str] = Counter()
         self.stages: Counter[str] = Counter()
         self.tries: Counter[str] = Counter()
+        self.sets = 0
+        self.sent: dict[str, int] = {}  # frames of each set that anybody was fed
+        self.fed_to: dict[str, str] = {}
 
     def collect(self) -> None:
-        for _, message in self.it.take_outbox():
+        for worker, message in self.it.take_outbox():
             if isinstance(message, Job):
                 self.tries[message.id] += 1
+                for value in message.inputs.values():
+                    if isinstance(value, FedSet):
+                        assert (self.fed_to[value.id], self.sent[value.id]) == (worker, FRAMES)
+            elif isinstance(message, FeedBegin):
+                self.fed_to[message.feed], self.sent[message.feed] = worker, 0
+            elif isinstance(message, FeedFrame):
+                assert (worker, message.index) == (self.fed_to[message.feed], self.sent[message.feed])
+                self.sent[message.feed] += 1
 
     def held(self, worker: str) -> str | None:
         peer = self.it.peers.get(worker)
@@ -44,8 +76,9 @@ class Dispatching(RuleBasedStateMachine):
     def submit(self, subject: int, pipeline: str) -> None:
         name = f"job-{len(self.submitted)}"
         inputs = {"object": Mesh(PRODUCT.vertices_mm, PRODUCT.faces, id=f"set-{subject}")}
-        job = Job(name, (StageCall("s", "processor", "s"),), inputs, pipeline)
+        self._submit(name, Job(name, STAGES, inputs, pipeline))
 
+    def _submit(self, name: str, job: Job) -> None:
         def count(counter: Counter[str]) -> None:
             counter[name] += 1
 
@@ -53,13 +86,50 @@ class Dispatching(RuleBasedStateMachine):
         try:
             self.it.submit(job, watcher, self.now)
         except Quarantined:
-            assert self.it.quarantine.find(f"set-{subject}", pipeline)
+            assert self.it.quarantine.entries
             return
         self.submitted.append(name)
 
     @rule(worker=WORKERS, credits=st.integers(0, 3))
     def ready(self, worker: str, credits: int) -> None:
-        self.it.received(worker, WorkerReady(worker, 1, credits, schemas={"processor": {"s": {}}}), self.now)
+        self.it.received(
+            worker, WorkerReady(worker, 1, credits, schemas={"processor": {"s": {}}}, feeds=True), self.now
+        )
+
+    @rule()
+    def begin_feed(self) -> None:
+        self.sets += 1
+        begin = FeedBegin(f"fed-{self.sets}", "x", "object", ("object",), STAGES, SEQUENCE, CameraSettings(), 1, 1)
+        self.it.feeding.begin(begin, self.now)
+
+    @rule(back=st.integers(0, 2), index=st.integers(0, FRAMES))
+    def frame(self, back: int, index: int) -> None:
+        self.it.feeding.frame(f"fed-{self.sets - back}", index, IMAGE, self.now)
+
+    @rule()
+    def all_frames(self) -> None:
+        for index in range(FRAMES):
+            self.collect()
+            self.it.feeding.frame(f"fed-{self.sets}", index, IMAGE, self.now)
+
+    @rule(back=st.integers(0, 2))
+    def drop_feed(self, back: int) -> None:
+        self.it.feeding.drop(f"fed-{self.sets - back}", "retaken", self.now)
+
+    @rule(worker=WORKERS, back=st.integers(0, 2), frames=st.integers(0, FRAMES + 1))
+    def frames_taken(self, worker: str, back: int, frames: int) -> None:
+        self.it.received(worker, FeedTaken(f"fed-{self.sets - back}", frames), self.now)
+
+    @rule(worker=WORKERS, back=st.integers(0, 2), with_job=st.booleans())
+    def feed_lost(self, worker: str, back: int, with_job: bool) -> None:
+        job = self.held(worker) or "" if with_job else ""
+        self.it.received(worker, FeedLost(f"fed-{self.sets - back}", "x", job), self.now)
+
+    @rule()
+    def submit_fed(self) -> None:
+        name = f"job-{len(self.submitted)}"
+        frames = FrameSet(np.zeros((FRAMES, 1, 1), np.uint8), SEQUENCE, id=f"fed-{self.sets}")
+        self._submit(name, Job(name, STAGES, {"object": frames}, "p"))
 
     @rule(worker=WORKERS, stage=st.booleans())
     def done(self, worker: str, stage: bool) -> None:
