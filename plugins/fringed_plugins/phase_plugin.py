@@ -11,6 +11,7 @@ from typing import Any
 
 from fringed.hookspecs import hookimpl
 from fringed_plugins.decoders.fourier import FourierDecoder
+from fringed_plugins.decoders.fusion import FuseExposures
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.decoders.unwrapping import UnwrapDifference
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
@@ -40,5 +41,6 @@ def register_processors() -> Sequence[type[Any]]:
         MultiFrequencyDecoder,
         UnwrapDifference,
         FourierDecoder,
+        FuseExposures,
         WindowedFourier,
     )
