@@ -1,12 +1,13 @@
-"""Sinusoidal fringe patterns, compensated for the projector's tone curve.
+"""Fringes as grey levels, compensated for the projector's tone curve, and which of them cannot be decoded.
 
-Owns the arithmetic of patterns and the rules for which sets of frequencies can be decoded; knows no
-projector and no contract.
+Owns the way from relative light to grey levels and the rules for sets of frequencies; the shapes of fringes are in
+`profiles`, the rules for their shapes and for tone curves in `pattern_rules`. Knows no projector and no contract.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,61 @@ def _rising(curve: Float64Array) -> Float64Array:
     return rising
 
 
+@dataclass(frozen=True)
+class Greys:
+    """Which grey levels fringes may have: the range, the light of each level (256,) if known, and the share of it.
+
+    `level` is the light over that of the whole range, 0 to 1; what the projector gives at grey level 0 stays.
+    """
+
+    low: float = 0.0
+    high: float = 255.0
+    tone_curve: Float64Array | None = None
+    level: float = 1.0
+
+    def of(self, relative: Float64Array, dither: str = "none") -> UInt8Array:
+        """Return the grey levels (uint8) whose light follows `relative` (0 to 1, any shape; two axes to dither).
+
+        Parameters
+        ----------
+        dither
+            "none": the nearest level; "ordered", "error-diffusion": levels vary so that their mean follows.
+
+        Raises
+        ------
+        ValueError
+            a tone curve that does not rise.
+        """
+        if dither == "none" and self.level == 1.0:
+            return grey_levels(relative, self.low, self.high, self.tone_curve)
+        first, light, wanted = self._light(relative)
+        if dither == "none":
+            above = np.clip(np.searchsorted(light, wanted), 1, len(light) - 1)
+            return np.asarray(first + above - (wanted - light[above - 1] < light[above] - wanted), np.uint8)
+        from fringed_plugins.phase import dithering
+
+        index = dithering.ordered(wanted, light) if dither == "ordered" else dithering.diffuse(wanted, light)
+        return np.asarray(index + first, np.uint8)
+
+    def complement(self, relative: Float64Array, grey: UInt8Array, dither: str = "none") -> UInt8Array:
+        """Return the grey levels whose light and that of `grey` (made of `relative`) add up to a constant.
+
+        Without a tone curve, and of two levels only, the grey levels themselves add up to the same number everywhere.
+        """
+        ends = self.of(np.array([0.0, 1.0]))
+        if self.tone_curve is None or np.isin(relative, (0.0, 1.0)).all():
+            return np.asarray(int(ends[0]) + int(ends[1]) - grey.astype(np.int16), np.uint8)
+        return self.of(1 - relative, dither)
+
+    def _light(self, relative: Float64Array) -> tuple[int, Float64Array, Float64Array]:
+        """Return the first level in use, the light of each level from there, and the wanted light."""
+        curve = np.arange(256.0) if self.tone_curve is None else _rising(np.asarray(self.tone_curve, np.float64))
+        low, high = round(self.low), round(self.high)
+        span = curve[low] - curve[0] + (curve[high] - curve[low]) * relative
+        first = low if self.level == 1.0 else 0
+        return first, curve[first : high + 1], curve[0] + self.level * span
+
+
 def check_greys(grey_low: float, grey_high: float) -> None:
     """Check the range of grey levels.
 
@@ -85,7 +141,7 @@ def check_greys(grey_low: float, grey_high: float) -> None:
         )
 
 
-def check_steps(steps: int) -> None:
+def check_steps(steps: float) -> None:
     """Check the number of phase steps.
 
     Raises
@@ -95,7 +151,7 @@ def check_steps(steps: int) -> None:
     """
     if steps < 3:
         raise ValueError(
-            f"{steps} phase steps cannot be decoded: background, modulation and phase are three unknowns for each "
+            f"{steps:g} phase steps cannot be decoded: background, modulation and phase are three unknowns for each "
             "pixel; use 3 or more, 4 if in doubt"
         )
 
@@ -117,8 +173,8 @@ def check_period(length_px: int, periods: float) -> None:
         )
 
 
-def check_frequencies(length_px: int, periods: Sequence[int], steps: Sequence[int], snr: float) -> None:
-    """Check that a set of frequencies can be unwrapped from coarse to fine.
+def check_frequencies(length_px: int, periods: Sequence[float], steps: Sequence[float], snr: float) -> None:
+    """Check that a set of frequencies can be unwrapped from coarse to fine; `steps` that are not equal count as fewer.
 
     `snr` is the modulation over the noise of one frame that is expected; a coarse phase, times the
     ratio to the next frequency, must tell its fringe order apart with five standard deviations.
@@ -137,9 +193,9 @@ def check_frequencies(length_px: int, periods: Sequence[int], steps: Sequence[in
     for count, number in zip(steps, periods, strict=True):
         check_steps(count)
         check_period(length_px, number)
-    if periods[0] != 1:
+    if periods[0] > 1:
         raise ValueError(
-            f"the coarsest frequency has {periods[0]} periods across the projector, so that {periods[0]} columns share "
+            f"the coarsest frequency has {periods[0]:g} periods across the projector, so that several columns share "
             f"every phase and no unwrapping can tell them apart: start with 1, as in {[1, *periods]}"
         )
     for coarse, fine, count in zip(periods[:-1], periods[1:], steps[:-1], strict=True):
@@ -147,13 +203,13 @@ def check_frequencies(length_px: int, periods: Sequence[int], steps: Sequence[in
         if fine / coarse > most:
             between = round(float(np.sqrt(coarse * fine)))
             raise ValueError(
-                f"from {coarse} to {fine} periods is a ratio of {fine / coarse:.3g}; with {count} steps and a "
+                f"from {coarse:g} to {fine:g} periods is a ratio of {fine / coarse:.3g}; with {count:g} steps and a "
                 f"modulation of {snr:g} times the noise orders are safe up to {most:.3g}: add a frequency of about "
                 f"{between} periods, or more steps"
             )
 
 
-def largest_ratio(steps: int, snr: float) -> float:
+def largest_ratio(steps: float, snr: float) -> float:
     """Return the largest ratio of two frequencies whose fringe order is right at five sigma.
 
     The difference of prediction and measurement has the deviation sqrt(1 + ratio^2) sqrt(2/steps)/snr
