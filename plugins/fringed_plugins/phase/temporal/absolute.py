@@ -1,0 +1,183 @@
+"""Frames of several periods to an absolute phase, all periods together.
+
+Owns what heterodyne and number-theoretic decoding share: each period's wrapped phase, the search over all orders, and
+the reasons to drop a pixel. Knows no contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from fringed_plugins.parallel import run_rows
+from fringed_plugins.phase.cleaning import clean
+from fringed_plugins.phase.decode import decode
+from fringed_plugins.phase.decoded import Decoded, Thresholds
+from fringed_plugins.phase.noise import NoiseModel
+from fringed_plugins.phase.shifts import Group, phase_variance_factor
+from fringed_plugins.phase.temporal.joint import Orders, Search, find_orders, search_of
+
+Array = npt.NDArray[Any]
+Float32Array = npt.NDArray[np.float32]
+
+SURE_SIGMAS = 4.5
+_FRINGE_ORDER = np.uint16(4)
+_OUT_OF_RANGE = np.uint16(16)
+_ZERO = np.float32(0)
+_TWO_PI = np.float32(2 * np.pi)
+_NAN = np.float32(np.nan)
+
+
+class Wrapped(NamedTuple):
+    """Wrapped phases of all periods, long to short, with what was found out about each pixel."""
+
+    wrapped_rad: Float32Array  # (periods, height, width)
+    modulation: Float32Array  # (periods, height, width)
+    background: Float32Array  # (height, width), of the finest
+    rejected: npt.NDArray[np.uint16]  # (height, width)
+
+
+class Bounds(NamedTuple):
+    """When an order is taken, float32."""
+
+    sure2: np.float32  # chi^2 of the next order at least, and of the one taken at most
+    low_turns: np.float32
+    high_turns: np.float32
+    initial_rad: np.float32
+
+
+def wrapped_phases(
+    frames: Array, groups: Sequence[Group], noise: NoiseModel, thresholds: Thresholds, threads: int = 0
+) -> Wrapped:
+    """Decode each group by itself; the flags of all are joined."""
+    alone = replace(thresholds, similar_neighbours=0, border_glow=0.0)
+    shape = (len(groups), *frames.shape[1:])
+    phases, lights = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    rejected = np.zeros(frames.shape[1:], np.uint16)
+    for index, group in enumerate(groups):
+        one = decode(frames, [group], noise, alone, keep_wrapped=True, threads=threads)
+        phases[index], lights[index] = one.wrapped_rad, one.modulation
+        rejected |= one.rejected
+    return Wrapped(phases, lights, one.background, rejected)
+
+
+def search_for(
+    groups: Sequence[Group], noise: NoiseModel, size_px: int, *, systematic_rad: float, combine: bool
+) -> Search:
+    """Return the search for these groups, long period to short."""
+    return search_of(
+        [group.period_px for group in groups],
+        size_px,
+        [group.initial_rad for group in groups],
+        [phase_variance_factor(group.shifts_rad) for group in groups],
+        (noise.constant_dn2, noise.slope_dn),
+        systematic_rad=systematic_rad,
+        combine=combine,
+    )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _judge(start: int, stop: int, orders: Any, bounds: Any, rejected: Any, out: Any) -> None:
+    """Write phase, deviation and confidence, and flag what is unsure or off the projector."""
+    phase, sigma, confidence = out
+    for y in range(start, stop):
+        for x in range(rejected.shape[1]):
+            turns, best, second = orders.turns[y, x], orders.best[y, x], orders.second[y, x]
+            unsure = second < bounds.sure2 or best > bounds.sure2
+            outside = turns < bounds.low_turns or turns > bounds.high_turns
+            flag = _FRINGE_ORDER if unsure else np.uint16(0)
+            flag |= _OUT_OF_RANGE if outside else np.uint16(0)
+            rejected[y, x] |= flag
+            kept = rejected[y, x] == 0
+            phase[y, x] = turns * _TWO_PI + bounds.initial_rad if kept else _NAN
+            sigma[y, x] = orders.sigma_turns[y, x] * _TWO_PI if kept else _NAN
+            if confidence.shape[0] > 0:
+                confidence[y, x] = (np.sqrt(second) - np.sqrt(best)) / np.float32(2)
+
+
+def decode_joint(
+    frames: Array,
+    groups: Sequence[Group],
+    noise: NoiseModel,
+    thresholds: Thresholds,
+    size_px: int,
+    *,
+    combine: bool = True,
+    systematic_rad: float = 0.02,
+    keep_wrapped: bool = False,
+    threads: int = 0,
+) -> Decoded:
+    """Return the absolute phase of the last group, from the phases of all groups together.
+
+    `groups` run from long period to short, `size_px` is the projector's width or height. A pixel is
+    `FRINGE_ORDER` where the next order is less than 4.5 standard deviations away or where even the best one
+    is farther than that. With `combine` the phase is the weighted mean of all periods.
+
+    Raises
+    ------
+    ValueError
+        fewer than two groups, or periods that leave columns that no phase tells apart.
+
+    References
+    ----------
+    Petkovic, Pribanic & Donlic 2017; Towers, Towers & Jones 2005; Zuo et al. 2016, sections 4 and 5.
+    """
+    search = search_for(groups, noise, size_px, systematic_rad=systematic_rad, combine=combine)
+    check_alike(search, groups, size_px)
+    seen = wrapped_phases(frames, groups, noise, thresholds, threads)
+    orders = find_orders(seen.wrapped_rad, seen.modulation, seen.background, search, threads)
+    return judged(seen, orders, groups[-1], thresholds, size_px, keep_wrapped=keep_wrapped, threads=threads)
+
+
+def check_alike(search: Search, groups: Sequence[Group], size_px: int) -> None:
+    """Check that no two columns share all phases.
+
+    Raises
+    ------
+    ValueError
+        they do, so that nobody can tell them apart.
+    """
+    from fringed_plugins.phase.temporal.sets import repeat_px
+
+    again = repeat_px([group.period_px for group in groups], size_px)
+    if again is not None:
+        text = ", ".join(f"{group.period_px:.5g}" for group in groups)
+        raise ValueError(
+            f"with periods of {text} px, columns {again:.4g} px apart share all phases, and the projector has {size_px}"
+        )
+
+
+def judged(
+    seen: Wrapped,
+    orders: Orders,
+    finest: Group,
+    thresholds: Thresholds,
+    size_px: int,
+    *,
+    keep_wrapped: bool = False,
+    threads: int = 0,
+) -> Decoded:
+    """Return what was found as a decoded map, its doubtful pixels dropped, its neighbours compared."""
+    shape = seen.background.shape
+    edge, period = thresholds.edge_px, finest.period_px
+    bounds = Bounds(
+        *map(np.float32, (SURE_SIGMAS**2, (edge - 0.5) / period, (size_px - 0.5 - edge) / period, finest.initial_rad))
+    )
+    out = Decoded(
+        phase_rad=np.empty(shape, np.float32),
+        sigma_rad=np.empty(shape, np.float32),
+        modulation=seen.modulation[-1],
+        background=seen.background,
+        wrapped_rad=seen.wrapped_rad[-1] if keep_wrapped else np.empty((0, 0), np.float32),
+        rejected=seen.rejected,
+    )
+    confidence = np.empty(shape, np.float32)
+    maps = (out.phase_rad, out.sigma_rad, confidence)
+    run_rows(_judge, shape[0], orders, bounds, out.rejected, maps, threads=threads)
+    clean(out, finest, thresholds, size_px, threads)
+    return out
