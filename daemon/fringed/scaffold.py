@@ -47,6 +47,9 @@ In a pipeline:
     [pipelines.mine]
     encoder = "phase-shift"
     stages = [{{ processor = "{name}" }}]
+
+It decodes a whole set. Offer `begin` (`fringed.hookspecs.StreamingProcessor`) to take frames while they arrive; the
+contract's test then checks that both give the same.
 """
 
 _MODULE = '''"""Registers the decoder `{name}`."""

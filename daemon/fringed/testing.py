@@ -14,18 +14,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from fringed import hookspecs
 from fringed.config import describe, validate
-from fringed.data import Mesh, PatternSequence
+from fringed.data import Array, FrameSet, Mesh, PatternSequence
 from fringed.errors import Cancelled, ConfigurationError, FringedError
-from fringed.hookspecs import ProjectorTarget
+from fringed.hookspecs import FrameSetStart, ProjectorTarget
 from fringed.tree import split
 from fringed.wire import checksum
 
 _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _SUMMARY_MAX = 100
+_TOLERANCE = 1e-4  # of an array's largest value: sums in another order round otherwise
+_DIFFERENT_MAX = 1e-3  # of the pixels may lie on the other side of a threshold for that
 _LIMITS = {"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"}
 
 
@@ -71,6 +74,23 @@ class PluginContract:
         assert digest(inputs) == before, f"{cls.name} changed its inputs; copy before writing"
         _check_refusals(cls, inputs, values)
         _check_cancellation(cls, inputs, values)
+        if issubclass(cls, hookspecs.StreamingProcessor):
+            self.streaming(cls, inputs, params)
+        return product
+
+    def streaming(self, cls: Any, inputs: Mapping[str, Any], params: Mapping[str, Any] | None = None) -> Any:
+        """Check that frames one by one give what the whole set gives; return that product."""
+        assert cls.begin.__doc__, f"{cls.name}.begin has no docstring"
+        sets = [value for value in inputs.values() if isinstance(value, FrameSet)]
+        assert len(cls.inputs) == len(sets) == 1, (
+            f"{cls.name} offers `begin`, and has the inputs {sorted(cls.inputs)}; only a processor of one FrameSet can"
+        )
+        values = validate(params or {}, cls.Params)
+        whole = cls().run(inputs, values, RecordingContext())
+        product = _streamed(cls(), sets[0], values)
+        assert isinstance(product, cls.output), f"{cls.name}'s finish returned a {type(product).__name__}"
+        different = _differences(whole, product)
+        assert not different, f"{cls.name}: `finish` and `run` differ in {', '.join(different)}; both return the same"
         return product
 
     def encoder(
@@ -191,6 +211,45 @@ class expected_refusal:  # noqa: N801  reads like pytest.raises
                 f"{self._what} raised {type(error).__name__}; it must raise DataError with a clear text"
             ) from error
         return isinstance(error, FringedError)
+
+
+def _streamed(plugin: Any, frame_set: FrameSet, values: Any) -> Any:
+    """Bring a set frame by frame, each in memory that is used again, beside another set at the same plug-in."""
+    frames = frame_set.frames
+    start = FrameSetStart(
+        frame_set.sequence, frame_set.settings, frames.shape[1:], frames.dtype.name, frame_set.role
+    )  # fmt: skip
+    sink, other = (plugin.begin(start, values, RecordingContext()) for _ in range(2))
+    scratch = np.empty_like(frames[0])
+    seen = scratch.view()
+    seen.flags.writeable = False
+    for index, image in enumerate(frames):
+        scratch[...] = image
+        sink.add(index, seen)
+        scratch[...] = image[::-1]
+        other.add(index, seen)
+    scratch[...] = np.iinfo(scratch.dtype).max
+    return sink.finish(frame_set, RecordingContext())
+
+
+def _differences(one: Any, other: Any) -> list[str]:
+    """Name what differs by more than rounding, identities and times left out."""
+    mine: dict[str, Array] = {}
+    others: dict[str, Array] = {}
+    trees = [split(value, "", arrays) for value, arrays in ((one, mine), (other, others))]
+    plain = [{k: repr(v) for k, v in tree.items() if k not in ("id", "scan", "provenance")} for tree in trees]
+    named = [key for key in plain[0] if plain[0][key] != plain[1].get(key)]
+    return named + [path for path in mine if path in others and not _alike(mine[path], others[path])]
+
+
+def _alike(one: Array, other: Array) -> bool:
+    if one.shape != other.shape or one.dtype != other.dtype:
+        return False
+    if one.dtype.kind != "f":
+        return float(np.mean(one != other)) <= _DIFFERENT_MAX
+    largest = float(np.max(np.abs(one), initial=0.0, where=np.isfinite(one)))
+    close = np.isclose(one, other, rtol=_TOLERANCE, atol=_TOLERANCE * largest, equal_nan=True)
+    return float(np.mean(~close)) <= _DIFFERENT_MAX
 
 
 def _is_method(name: str, value: Any) -> bool:

@@ -11,6 +11,7 @@ from msgspec import Meta, convert
 from fringed import hookspecs
 from fringed.config.simulated import SimulationConfig
 from fringed.data import CameraSettings, FrameSet, Mesh, Model, PhaseMap
+from fringed.errors import DataError
 from fringed.hookspecs import ProjectorTarget
 from fringed.loading import load_plugins
 from fringed.simulation.optics import exact_calibration
@@ -229,6 +230,101 @@ def test_good_processor_passes(plugin_contract, phase):
 def test_broken_contract_is_found(phase, cls, complaint):
     with pytest.raises(AssertionError, match=complaint):
         PluginContract().processor(cls, phase)
+
+
+class Summing(Good):
+    """Sums frames, at once or one by one."""
+
+    inputs: ClassVar[dict] = {"frames": FrameSet}
+
+    def run(self, inputs, params, context):
+        """Return the sum."""
+        context.check_cancelled()
+        if not isinstance(inputs.get("frames"), FrameSet):
+            raise DataError("summing takes a frame set")
+        return as_phase(inputs["frames"].frames.sum(axis=0))
+
+    def begin(self, start, params, context):
+        """Return an empty sum."""
+        return Sum(start.shape)
+
+
+class Sum:
+    def __init__(self, shape):
+        self.total = np.zeros(shape)
+
+    def add(self, index, image):
+        self.total += image
+
+    def finish(self, frame_set, context):
+        return as_phase(self.total)
+
+
+class Shared(Summing):
+    """Uses one sum for all sets."""
+
+    sink = None
+
+    def begin(self, start, params, context):
+        """Return the sum that there is."""
+        self.sink = self.sink or Sum(start.shape)
+        return self.sink
+
+
+class Keeping(Summing):
+    """Keeps frames that it was only shown."""
+
+    def begin(self, start, params, context):
+        """Return what keeps them."""
+
+        class Kept(Sum):
+            def add(self, index, image):
+                self.images = [*getattr(self, "images", ()), image]
+
+            def finish(self, frame_set, context):
+                return as_phase(np.sum(self.images, axis=0))
+
+        return Kept(start.shape)
+
+
+class Biased(Summing):
+    """Differs by one in a thousand when it streams."""
+
+    def begin(self, start, params, context):
+        """Return a sum that is not right."""
+        sink = Sum(start.shape)
+        sink.total += 1
+        return sink
+
+
+class Two(Summing):
+    """Wants more than a set, and streams."""
+
+    inputs: ClassVar[dict] = {"frames": FrameSet, "phase": PhaseMap}
+    optional: ClassVar[frozenset[str]] = frozenset({"phase"})
+
+
+def as_phase(plane):
+    plane = np.asarray(plane, np.float32)
+    return PhaseMap(plane, plane, plane, np.zeros(plane.shape, np.uint16), "wrapped", 16.0)
+
+
+def test_streaming_processor_passes(plugin_contract, frame_set):
+    plugin_contract.processor(Summing, {"frames": frame_set("phase-shift")})
+
+
+@pytest.mark.parametrize(
+    ("cls", "complaint"),
+    [
+        (Shared, "differ in phase_rad"),
+        (Keeping, "differ in phase_rad"),
+        (Biased, "differ in phase_rad"),
+        (Two, "only a processor of one FrameSet can"),
+    ],
+)
+def test_streaming_that_gives_something_else_is_found(frame_set, cls, complaint):
+    with pytest.raises(AssertionError, match=complaint):
+        PluginContract().processor(cls, {"frames": frame_set("phase-shift")})
 
 
 @pytest.mark.parametrize(("cls", "complaint"), [(Undocumented, "has no description"), (Unbounded, "has no limits")])

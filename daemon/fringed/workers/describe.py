@@ -21,7 +21,7 @@ _log = logging.getLogger(__name__)
 def schemas_of(catalogue: Catalogue) -> dict[str, dict[str, Any]]:
     """Return the JSON Schema of every Params (of every driver's Options), by kind and name.
 
-    `x-plugin` of each holds its version, summary, inputs and output.
+    `x-plugin` of each holds its version, summary, inputs and output, and whether it streams.
     """
     found: dict[str, dict[str, Any]] = {}
     for kind, items in catalogue.provided.items():
@@ -46,6 +46,7 @@ def _about(item: Any) -> dict[str, Any]:
         about["inputs"] = {name: _type_text(kind) for name, kind in item.inputs.items()}
         about["optional"] = sorted(item.optional)
         about["output"] = _type_text(item.output)
+        about["streams"] = hasattr(item, "begin")
     for name in ("suffix", "media_type"):
         if hasattr(item, name):
             about[name] = str(getattr(item, name))
