@@ -13,6 +13,7 @@ from fringed.hookspecs import hookimpl
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.fusion import FuseExposures
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.decoders.unknown_shifts import UnknownShiftsDecoder
 from fringed_plugins.decoders.unwrapping import UnwrapDifference
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
@@ -43,4 +44,5 @@ def register_processors() -> Sequence[type[Any]]:
         FourierDecoder,
         FuseExposures,
         WindowedFourier,
+        UnknownShiftsDecoder,
     )
