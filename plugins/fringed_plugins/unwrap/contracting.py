@@ -1,8 +1,8 @@
-"""Join the pixels of a wrapped phase strictly by cost, the cheapest pairs first, without sorting.
+"""Join groups of pixels strictly by cost, the cheapest pairs first, without sorting.
 
 Owns the spanning tree of least cost, built by Boruvka's rounds: each group joins the neighbour to which
 its cheapest pair leads, and all passes follow the order of memory. The result is that of joining one pair
-after the other in the order of their costs. Knows nothing of how costs come about.
+after the other in the order of their costs. Knows nothing of how costs and groups come about.
 
 Groups are numbered from 0 in `first` (-1: unknown); `turns` are a pixel's multiples of 2 pi over its group.
 """
@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from fringed_plugins.unwrap.basins import root_of
 from fringed_plugins.unwrap.reliability import turns_between
 
 _INFINITE = np.float32(np.inf)
-_UNSET = np.int32(-2)
 _options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
@@ -28,155 +28,81 @@ def _jump(p: Any, q: Any) -> Any:
 
 
 @njit(**_options)
-def _candidates(cost: Any, phase: Any, pad: Any) -> None:
-    """Copy a row between two pixels that nobody chooses: the cost, infinite where unknown, and the phase."""
-    costs, phases = pad
-    for x in range(cost.size):
-        costs[x + 1] = cost[x] if cost[x] == cost[x] else _INFINITE
-        phases[x + 1] = phase[x]
+def _settle_all(parent: Any, over: Any) -> int:
+    """Number the trees of `parent` from 0, each node by its tree, with its turns over the root; return how many."""
+    count, numbers = 0, np.full(parent.size, -1, np.int32)
+    for start in range(parent.size):
+        root, total = np.int32(start), np.int32(0)
+        while parent[root] != root:
+            total += over[root]
+            root = parent[root]
+        node = np.int32(start)
+        while node != root:
+            after, own = parent[node], over[node]
+            parent[node], over[node] = root, total
+            total -= own
+            node = after
+        if numbers[root] < 0:
+            numbers[root] = count
+            count += 1
+    for start in range(parent.size):
+        parent[start] = numbers[parent[start]]
+    return count
 
 
 @njit(**_options)
-def _point_row(base: int, here: Any, above: Any, below: Any, out: Any) -> None:
-    """Point the pixels of a row, the first of which is number `base`; ties go to the pair that comes first."""
-    costs, phases = here
-    parent, over = out
-    left, right, up, down = costs[:-2], costs[2:], above[0][1:], below[0][1:]
-    own = phases[1:]
-    values = (phases[:-2], phases[2:], above[1][1:], below[1][1:])
-    width = np.int32(parent.size)
-    for x in range(parent.size):
-        least, step, value = up[x], -width, values[2][x]
-        nearer = left[x] < least
-        least, step, value = (left[x], np.int32(-1), values[0][x]) if nearer else (least, step, value)
-        nearer = right[x] < least
-        least, step, value = (right[x], np.int32(1), values[1][x]) if nearer else (least, step, value)
-        nearer = down[x] < least
-        least, step, value = (down[x], width, values[3][x]) if nearer else (least, step, value)
-        alone = least == _INFINITE
-        parent[x] = np.int32(base + x) + (np.int32(0) if alone else step)
-        over[x] = np.int32(0) if alone else np.int32(turns_between(value - own[x]))
+def _useful(here: Any, above: Any, below: Any, group: Any, other: Any, flags: Any) -> int:
+    """Flag the pairs of a row that may be in the cheapest tree, and return how many.
 
-
-@njit(**_options)
-def point_rows(start: int, stop: int, phase: Any, cost: Any, parent: Any, over: Any) -> None:
-    """Point each pixel of some rows to its most reliable neighbour: that pair is the cheapest it has.
-
-    Pixels without a phase point somewhere, too; `settle_tree` passes over them.
+    1: the pair with the right neighbour, 2: that with the one below. They join two groups, and are not the
+    dearest of the four around a corner: that one is in no cheapest tree, whatever the phases. `here`,
+    `above` and `below` are costs between two NaN, which compare as False; `other` are the groups below.
     """
-    height, width = phase.shape
-    costs = np.full((3, width + 2), _INFINITE, np.float32)
-    phases = np.zeros((3, width + 2), np.float32)
+    c0, c1, c2 = here[:-2], here[1:], here[2:]
+    u1, u2, d0, d1, d2 = above[1:], above[2:], below[:-2], below[1:], below[2:]
+    count, next_group = 0, group[1:]
+    for x in range(flags.size):
+        own, right, down = group[x], next_group[x], other[x]
+        needless = (c2[x] > d1[x]) & (c1[x] > d2[x]) | (c2[x] > u1[x]) & (c1[x] > u2[x])
+        first = np.uint8(1) if (own >= 0) & (right >= 0) & (own != right) & (not needless) else np.uint8(0)
+        needless = (d1[x] > c2[x]) & (c1[x] > d2[x]) | (d1[x] > c0[x]) & (c1[x] > d0[x])
+        second = np.uint8(1) if (own >= 0) & (down >= 0) & (own != down) & (not needless) else np.uint8(0)
+        flags[x] = first + np.uint8(2) * second
+        count += np.int64(first + second)
+    return count
+
+
+@njit(**_options)
+def flag_rows(start: int, stop: int, cost: Any, first: Any, flags: Any, counts: Any) -> None:
+    """Flag for each row the pairs that may still join groups, and count them."""
+    height, width = cost.shape
+    costs = np.full((3, width + 2), np.float32(np.nan), np.float32)
+    groups = np.full((2, width + 1), -1, np.int32)
     for row in range(start - 1, stop + 1):
         new, middle, old = row % 3, (row - 1) % 3, (row - 2) % 3
-        if 0 <= row < height:
-            _candidates(cost[row], phase[row], (costs[new], phases[new]))
-        else:
-            costs[new] = _INFINITE
+        inside = 0 <= row < height
+        costs[new, 1 : width + 1] = cost[row] if inside else np.full(width, np.float32(np.nan), np.float32)
+        groups[row % 2, :width] = first[row] if inside else np.full(width, -1, np.int32)
         if row > start:
-            base = (row - 1) * width
-            out = (parent[base : base + width], over[base : base + width])
-            here, above, below = (costs[middle], phases[middle]), (costs[old], phases[old]), (costs[new], phases[new])
-            _point_row(base, here, above, below, out)
+            own, other = groups[(row - 1) % 2], groups[row % 2]
+            counts[row - 1] = _useful(costs[middle], costs[old], costs[new], own, other, flags[row - 1])
 
 
 @njit(**_options)
-def cut_circles(start: int, stop: int, parent: Any, over: Any) -> None:
-    """Make the earlier of each two that point to each other a root."""
-    for p in range(start, stop):
-        if p < parent[p] and parent[parent[p]] == p:
-            parent[p], over[p] = p, 0
-
-
-@njit(**_options)
-def settle_tree(known: Any, parent: Any, over: Any, first: Any, turns: Any) -> int:
-    """Number the trees of `parent` from 0 in `first`, count `turns` from their roots, and return how many."""
-    first[:] = _UNSET
-    count = np.int32(0)
-    for start in range(first.size):
-        if first[start] != _UNSET:
-            continue
-        if known[start] != known[start]:
-            first[start], turns[start] = -1, 0
-            continue
-        node, total = np.int32(start), np.int32(0)
-        while first[node] == _UNSET and parent[node] != node:
-            total += over[node]
-            node = parent[node]
-        if first[node] == _UNSET:
-            first[node], turns[node] = count, 0
-            count += np.int32(1)
-        label, total = first[node], total + turns[node]
-        end, node = node, np.int32(start)
-        while node != end:
-            first[node], turns[node] = label, total
-            total -= over[node]
-            node = parent[node]
-    return int(count)
-
-
-@njit(**_options)
-def _dearest(pair: Any, across: Any) -> bool:
-    """Tell whether a pair is the dearest of the four around a corner: then it is in no cheapest tree.
-
-    `across` are the pixels opposite to the two of `pair`; NaN costs compare as False.
-    """
-    return bool(pair[1] > across[0] and pair[0] > across[1])
-
-
-@njit(**_options)
-def _is_needless(row: int, x: int, step: Any, cost: Any) -> bool:
-    """Tell whether the pair of a pixel and its right (0, 1) or lower (1, 0) neighbour is in no cheapest tree."""
-    height, width = cost.shape
-    down, right = step
-    pair = (cost[row, x], cost[row + down, x + right])
-    if (down and x + 1 < width) or (right and row + 1 < height):
-        if _dearest(pair, (cost[row + right, x + down], cost[row + 1, x + 1])):
-            return True
-    if down and x > 0:
-        return _dearest(pair, (cost[row, x - 1], cost[row + 1, x - 1]))
-    if right and row > 0:
-        return _dearest(pair, (cost[row - 1, x], cost[row - 1, x + 1]))
-    return False
-
-
-@njit(**_options)
-def count_rows(start: int, stop: int, cost: Any, first: Any, counts: Any) -> None:
-    """Write for each row how many of its pairs may still join groups."""
-    height, width = cost.shape
-    for row in range(start, stop):
-        count = 0
-        for x in range(width):
-            own = first[row, x]
-            if own >= 0:
-                if x + 1 < width and first[row, x + 1] >= 0 and first[row, x + 1] != own:
-                    count += 0 if _is_needless(row, x, (0, 1), cost) else 1
-                if row + 1 < height and first[row + 1, x] >= 0 and first[row + 1, x] != own:
-                    count += 0 if _is_needless(row, x, (1, 0), cost) else 1
-        counts[row] = count
-
-
-@njit(**_options)
-def list_rows(start: int, stop: int, fields: Any, ends: Any, pairs: Any) -> None:
+def list_rows(start: int, stop: int, fields: Any, flags: Any, ends: Any, pairs: Any) -> None:
     """Write the pairs of each row, up to where `ends` says that they end: groups a and b, turns of b over a, cost."""
     phase, cost, first, turns = fields
     a, b, between, price = pairs
-    height, width = cost.shape
     for row in range(start, stop):
         i = ends[row - 1] if row > 0 else 0
-        for x in range(width if ends[row] > i else 0):
-            own = first[row, x]
-            for down in range(2):
-                right = 1 - down
-                if own < 0 or row + down == height or x + right == width:
-                    continue
-                other = first[row + down, x + right]
-                if other < 0 or other == own or _is_needless(row, x, (down, right), cost):
-                    continue
-                a[i], b[i] = own, other
-                jump = _jump(phase[row, x], phase[row + down, x + right])
-                between[i] = turns[row, x] + jump - turns[row + down, x + right]
-                price[i] = cost[row, x] + cost[row + down, x + right]
+        for x in range(flags.shape[1] if ends[row] > i else 0):
+            if flags[row, x] & 1:
+                a[i], b[i], price[i] = first[row, x], first[row, x + 1], cost[row, x] + cost[row, x + 1]
+                between[i] = turns[row, x] + _jump(phase[row, x], phase[row, x + 1]) - turns[row, x + 1]
+                i += 1
+            if flags[row, x] & 2:
+                a[i], b[i], price[i] = first[row, x], first[row + 1, x], cost[row, x] + cost[row + 1, x]
+                between[i] = turns[row, x] + _jump(phase[row, x], phase[row + 1, x]) - turns[row + 1, x]
                 i += 1
 
 
@@ -203,7 +129,7 @@ def _follow(active: Any, pairs: Any, best: Any, parent: Any, over: Any) -> None:
             parent[group] = a[i] if forward else b[i]
             over[group] = between[i] if forward else -between[i]
     for group in active:
-        if group < parent[group] and parent[parent[group]] == group:
+        if root_of(parent, group) == group:
             parent[group], over[group] = group, 0
 
 
@@ -261,7 +187,4 @@ def join_groups(pairs: Any, parent: Any, over: Any) -> int:
         _follow(active, pairs, best, parent, over)
         active = active[: _settle(active, parent, over, best, least)]
         count = _contract(count, pairs, parent, over)
-    labels, turns = np.empty(groups, np.int32), np.empty(groups, np.int32)
-    regions = settle_tree(labels, parent, over, labels, turns)
-    parent[:], over[:] = labels, turns
-    return regions
+    return int(_settle_all(parent, over))

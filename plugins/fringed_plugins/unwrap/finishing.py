@@ -65,7 +65,7 @@ def _middle_turns(first: Any, turns: Any, size: Any, low: Any, high: Any) -> Any
     regions = size.size
     begin = np.zeros(regions + 1, np.int64)
     for region in range(regions):
-        begin[region + 1] = begin[region] + high[region] - low[region] + 1
+        begin[region + 1] = begin[region] + max(high[region] - low[region] + 1, 1)
     counts = np.zeros(begin[regions], np.int64)
     for i in range(first.size):
         if first[i] >= 0:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.unwrap import contracting, joining, reliability
+from fringed_plugins.unwrap import basins, contracting, joining, reliability
 from fringed_plugins.unwrap.checking import check_range, weights, wrapped_phase
 from fringed_plugins.unwrap.finishing import Unwrapped, finish
 
@@ -69,9 +69,8 @@ def _tree(phase: Float32Array, cost: Float32Array, threads: int) -> tuple[tuple[
     """Return groups of pixels, and the regions that they belong to, as `finish` takes them."""
     first, turns = np.empty(phase.shape, np.int32), np.empty(phase.shape, np.int32)
     groups = (first, turns, np.empty(phase.size, np.int32), np.empty(phase.size, np.int32))
-    count = _bulk(phase, cost, groups, threads)
-    if count is None:
-        count = _basins(phase, cost, groups, threads)
+    bulk = _bulk(phase, cost, groups, threads)
+    count = _basins(phase, cost, groups, threads) if bulk is None else bulk
     region, over = np.zeros(count, np.int32), np.zeros(count, np.int32)
     if count < 2:
         return (first, turns), (count, region, over)
@@ -90,23 +89,28 @@ def _bulk(phase: Float32Array, cost: Float32Array, groups: Groups, threads: int)
     run_rows(joining.join_rows, height, (phase, cost), limit, groups, bad, threads=threads)
     if joining.join_seams((phase, cost), limit, groups, bad) > 0:
         return None
-    return joining.settle_runs(groups)
+    return int(joining.settle_runs(groups))
 
 
 def _basins(phase: Float32Array, cost: Float32Array, groups: Groups, threads: int) -> int:
     """Join each pixel to its most reliable neighbour; return how many groups that makes."""
-    first, turns, parent, over = groups
-    run_rows(contracting.point_rows, phase.shape[0], phase, cost, parent, over, threads=threads)
-    run_rows(contracting.cut_circles, phase.size, parent, over, threads=threads)
-    return contracting.settle_tree(cost.ravel(), parent, over, first.ravel(), turns.ravel())
+    flat, forest = (groups[0].ravel(), groups[1].ravel()), groups[2:]
+    height, width = phase.shape
+    border = np.zeros(height, np.uint8)
+    run_rows(basins.point_rows, height, phase, cost, *forest, threads=threads)
+    run_rows(basins.settle_rows, height, cost, forest, flat, border, threads=threads)
+    count = int(basins.number_basins(width, forest[0], flat, border))
+    run_rows(basins.label_rows, height, forest[0], flat, border, threads=threads)
+    basins.label_border(forest[0], flat, border)
+    return count
 
 
 def _pairs(phase: Float32Array, cost: Float32Array, groups: tuple[Any, Any], threads: int) -> tuple[Any, ...]:
     """Return the pairs of neighbours between groups that may be in the cheapest tree."""
     height = phase.shape[0]
-    counts = np.empty(height, np.int64)
-    run_rows(contracting.count_rows, height, cost, groups[0], counts, threads=threads)
+    counts, flags = np.empty(height, np.int64), np.empty(phase.shape, np.uint8)
+    run_rows(contracting.flag_rows, height, cost, groups[0], flags, counts, threads=threads)
     ends = np.cumsum(counts)
     pairs = (*(np.empty(ends[-1], np.int32) for _ in range(3)), np.empty(ends[-1], np.float32))
-    run_rows(contracting.list_rows, height, (phase, cost, *groups), ends, pairs, threads=threads)
+    run_rows(contracting.list_rows, height, (phase, cost, *groups), flags, ends, pairs, threads=threads)
     return pairs
