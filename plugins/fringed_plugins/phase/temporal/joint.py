@@ -78,10 +78,10 @@ def search_of(
     Raises
     ------
     ValueError
-        fewer than two periods.
+        no period.
     """
-    if len(periods_px) < 2:
-        raise ValueError(f"{len(periods_px)} periods; two or more are needed to tell fringe orders")
+    if not periods_px:
+        raise ValueError("no periods; two or more tell fringe orders, one has none to tell")
     periods = np.asarray(periods_px, np.float64)
     ratio = periods[-1] / periods
     counts = size_px / periods

@@ -1,0 +1,126 @@
+"""Inner loops of the correction: the order that the best window around a pixel gives it.
+
+Owns what counts as doubtful, and the numbers that both ways of correction share; `correction` calls them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fringed_plugins.phase.arctangent import fast_atan2
+from fringed_plugins.phase.temporal.windows import RADIUS
+
+LOW_MODULATION, FRINGE_ORDER, OUT_OF_RANGE = 2, 4, 16
+SETTLED = np.uint16(0xFFFF - LOW_MODULATION - FRINGE_ORDER - OUT_OF_RANGE)  # dropped for other reasons
+BENT_TURNS2 = np.float32(0.03**2)  # what a surface may differ from a plane within a window
+options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+_ZERO = np.float32(0)
+_TWO_PI = np.float32(2 * np.pi)
+_PER_TURN = np.float32(0.5 / np.pi)
+_ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
+_HUGE = np.float32(1e30)
+_PLENTY = np.float32(200.0)
+_MARGIN_WEIGHT = np.float32(0.1)
+
+
+class Rules(NamedTuple):
+    """Numbers of the correction, float32."""
+
+    noise_constant: np.float32
+    noise_slope: np.float32
+    factor: np.float32  # variance of the finest phase (turns^2): factor * noise variance / modulation^2
+    least_snr2: np.float32  # smallest squared modulation of a window over the noise's variance
+    least_dn: np.float32
+    sure2: np.float32
+    low_turns: np.float32
+    high_turns: np.float32
+    initial_rad: np.float32
+
+
+@njit(**options)
+def doubtful_rows(start: int, stop: int, decoded: Any, rules: Any, counts: Any) -> None:
+    """Count the doubtful pixels of each row: dropped for noise alone, with fringes left in them."""
+    for y in range(start, stop):
+        rejected, modulation = decoded.rejected[y], decoded.modulation[y]
+        total = 0
+        for x in range(rejected.size):
+            flags = rejected[x]
+            doubtful = flags != 0 and (flags & SETTLED) == 0 and modulation[x] >= rules.least_dn
+            total += 1 if doubtful else 0
+        counts[y] = total
+
+
+@njit(**options)
+def _measure(i: int, j: int, parts: Any, search: Any, variance: np.float32, own: Any) -> None:
+    """Write the pixel's own phases (turns) and their inverse variances."""
+    cosine, sine = parts
+    for m in range(search.ratio.size):
+        c, s = cosine[m, i, j], sine[m, i, j]
+        own[0, m] = fast_atan2(s, c) * _PER_TURN - search.initial_turns[m]
+        own[1, m] = (c * c + s * s) / (search.factor[m] * variance + np.float32(1e-12))
+
+
+@njit(**options)
+def _misfit(own: Any, ratio: Any, turns: np.float32) -> np.float32:
+    """Return how badly the absolute phase `turns` fits the pixel's own phases, in variances."""
+    total = _ZERO
+    for m in range(ratio.size):
+        off = own[0, m] - ratio[m] * turns
+        off -= (off + _ROUND) - _ROUND
+        total += off * off * own[1, m]
+    return total
+
+
+@njit(**options)
+def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
+    """Return the pixel's absolute phase by the best window that holds it, and how well it fits; or a huge misfit."""
+    i, j, variance = place
+    height, width = view.turns.shape
+    here = own[0, ratio.size - 1]
+    least, found = _HUGE, _ZERO
+    for y in range(i - RADIUS, i + RADIUS + 1, RADIUS):
+        for x in range(j - RADIUS, j + RADIUS + 1, RADIUS):
+            if y < 0 or y >= height or x < 0 or x >= width:
+                continue
+            light2 = view.modulation[y, x] * view.modulation[y, x]
+            sure = view.best[y, x] < rules.sure2 and view.second[y, x] > rules.sure2
+            if not sure or light2 < rules.least_snr2 * variance:
+                continue
+            right, down = np.float32(j - x) * view.slope_x[y, x], np.float32(i - y) * view.slope_y[y, x]
+            predicted = view.turns[y, x] + right + down
+            turns = here + ((predicted - here + _ROUND) - _ROUND)
+            off2 = (predicted - turns) * (predicted - turns)
+            misfit = _misfit(own, ratio, turns) + off2 / (rules.factor * variance / light2 + BENT_TURNS2)
+            margin = min(view.second[y, x] - view.best[y, x], _PLENTY)
+            score = misfit - _MARGIN_WEIGHT * margin
+            if misfit < rules.sure2 and score < least:
+                least, found = score, turns
+    return least, found
+
+
+@njit(**options)
+def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rules: Any) -> None:
+    """Take the windows' word in `rows` (first, last, and the first row of `parts`)."""
+    first, stop, offset = rows
+    own = np.empty((2, search.ratio.size), np.float32)
+    for y in range(first, stop):
+        for x in range(decoded.rejected.shape[1]):
+            flags = decoded.rejected[y, x]
+            if flags == 0 or (flags & SETTLED) != 0 or decoded.modulation[y, x] < rules.least_dn:
+                continue
+            level = max(decoded.background[y, x], _ZERO)
+            variance = rules.noise_constant + rules.noise_slope * level
+            _measure(y - offset, x, parts, search, variance, own)
+            least, turns = _settle((y - offset, x, variance), own, view, search.ratio, rules)
+            if least >= _HUGE:
+                decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
+                continue
+            outside = turns < rules.low_turns or turns > rules.high_turns
+            decoded.rejected[y, x] = np.uint16(OUT_OF_RANGE) if outside else np.uint16(0)
+            if not outside:
+                decoded.phase_rad[y, x] = turns * _TWO_PI + rules.initial_rad
+                decoded.sigma_rad[y, x] = _TWO_PI / np.sqrt(own[1, search.ratio.size - 1])
