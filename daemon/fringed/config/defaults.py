@@ -35,6 +35,33 @@ PIPELINES: dict[str, Any] = {
                 {"processor": "reference-plane", "name": "range", "inputs": {"phase": "phase"}},
             ],
         },
+        "hdr": {
+            "summary": "exposures of 1/8, 1 and 8 times, each 3 frequencies x 4 steps: dark and shiny surfaces at once",
+            "encoder": "multi-frequency",
+            "encoder_params": {"periods": [1, 8, 64], "steps": 4},
+            "roles": ["object-short", "object", "object-long"],
+            "role_camera": {
+                "object-short": {"exposure_factor": 0.125},
+                "object-long": {"exposure_factor": 8.0},
+            },
+            "stages": [
+                {
+                    "processor": "multi-frequency",
+                    "name": "phase-short",
+                    "inputs": {"frames": "object-short"},
+                    "keep": False,
+                },
+                {"processor": "multi-frequency", "name": "phase-middle", "inputs": {"frames": "object"}, "keep": False},
+                {
+                    "processor": "multi-frequency",
+                    "name": "phase-long",
+                    "inputs": {"frames": "object-long"},
+                    "keep": False,
+                },
+                {"processor": "fuse-exposures", "name": "phase"},
+                {"processor": "triangulate", "name": "range"},
+            ],
+        },
     },
     "presets": {
         "skin": {"pipeline": "hierarchical", "camera": {"channel": "red"}, "summary": "red light: least noisy on skin"},

@@ -83,7 +83,7 @@ class FuseExposures:
         Raises
         ------
         DataError
-            fewer than two maps, maps of other fringes or without a deviation, or light that cannot be compared.
+            fewer than two maps, maps of other fringes or without a deviation, or scales for other maps.
         """
         from fringed_plugins.phase.fusion import FusionLimits, fuse, relative_light
 
@@ -96,6 +96,13 @@ class FuseExposures:
             fused = fuse(arrays, maps[0].kind == "wrapped", light, limits, context.threads)
         except ValueError as error:
             raise DataError(f"{self.name}: {error}") from error
+        guessed = [str(index) for index, one in enumerate(light) if not one.measured]
+        if guessed:
+            context.log(
+                "warning",
+                f"map {', '.join(guessed)} shares too few pixels with the others to compare its light; its phase "
+                "counts, its modulation and background are on a guessed scale",
+            )
         told = ", ".join(f"{1 / one.gain:.3g}" for one in light)
         context.log(
             "info", f"relative light of the maps: {told}; kept {np.mean(fused.rejected == 0):.1%} of the pixels"

@@ -18,6 +18,8 @@ from fringed_plugins.parallel import run_rows
 Float32Array = npt.NDArray[np.float32]
 SHARED_MIN = 200  # pixels of a sample that two maps have to share for their light to be compared
 SAMPLE = 200_000
+SATURATED = np.uint16(1)
+CONTRAST = 8.0  # how far dark and bright backgrounds are apart, over their spread, for their ratio to tell
 
 
 class ExposedMap(NamedTuple):
@@ -45,10 +47,11 @@ class FusionLimits(NamedTuple):
 
 
 class Light(NamedTuple):
-    """`gain * x + offset` takes a map's grey levels to those of the darkest map."""
+    """`gain * x + offset` takes a map's grey levels to those of the darkest map; guessed unless `measured`."""
 
     gain: float
     offset: float
+    measured: bool = True
 
 
 def fuse(
@@ -117,53 +120,92 @@ def relative_light(maps: Sequence[ExposedMap]) -> list[Light]:
     """Return how each map's grey levels go over to the darkest one's, from the pixels that maps share.
 
     The modulation knows no black level, so its ratio is that of the light; the background then gives the offset.
-    Maps are compared in pairs, those first that share most pixels.
+    Where too few pixels are valid in both, the backgrounds of those that neither saturates give both. Maps are
+    compared in pairs, those first that share most pixels. A map that cannot be compared with any other is given the
+    light of the one that is saturated as often, and is not `measured`: only its grey levels are wrong then.
 
     Raises
     ------
     ValueError
-        maps that share too few pixels with any other.
+        fewer than two maps, or shapes that differ.
     """
     _check(maps)
-    step = max(1, maps[0].phase_rad.size // SAMPLE)
-    samples = [_Sample(*(array.reshape(-1)[::step] for array in (one.modulation, one.background, one.rejected)))
-               for one in maps]  # fmt: skip
-    pairs = sorted(
-        ((_shared(samples[i], samples[j]), i, j) for i, j in combinations(range(len(maps)), 2)),
-        key=lambda pair: -int(pair[0].sum()),
-    )
-    least = max(1, min(SHARED_MIN, samples[0].rejected.size // 100))
-    found: dict[int, Light] = {pairs[0][1]: Light(1.0, 0.0)}  # to the first map's scale
-    while len(found) < len(maps):
-        link = next(((s, i, j) for s, i, j in pairs if (i in found) != (j in found) and s.sum() >= least), None)
-        if link is None:
-            missing = sorted(set(range(len(maps))) - set(found))
-            raise ValueError(
-                f"map {', '.join(map(str, missing))} shares too few pixels with the others for its light to be "
-                "compared; give the maps' relative light (scales), or take exposures that differ less"
-            )
-        shared, i, j = link
-        known, new = (i, j) if i in found else (j, i)
-        found[new] = _after(found[known], _ratio(samples[new], samples[known], shared))
+    samples = _samples(maps)
+    found = _linked(samples)
+    for index in range(len(maps)):
+        if index not in found:
+            kin = min(found, key=lambda i: abs(samples[i].saturated - samples[index].saturated))
+            found[index] = Light(found[kin].gain, found[kin].offset, measured=False)
     darkest = max(found.values(), key=lambda one: one.gain)
-    return [Light(one.gain / darkest.gain, (one.offset - darkest.offset) / darkest.gain)
-            for one in (found[i] for i in range(len(maps)))]  # fmt: skip
+    return [
+        Light(one.gain / darkest.gain, (one.offset - darkest.offset) / darkest.gain, one.measured)
+        for one in (found[i] for i in range(len(maps)))
+    ]
+
+
+def _linked(samples: Sequence[_Sample]) -> dict[int, Light]:
+    """Return the light, on the scale of one of them, of all maps that pixels link to it."""
+    pairs = sorted(
+        ((_compared(samples[i], samples[j]), i, j) for i, j in combinations(range(len(samples)), 2)),
+        key=lambda pair: -pair[0][1],
+    )
+    found = {pairs[0][1]: Light(1.0, 0.0)}
+    while True:
+        link = next(((one, i, j) for (one, _), i, j in pairs if one is not None and (i in found) != (j in found)), None)
+        if link is None:
+            return found
+        one, i, j = link  # takes the grey levels of j to those of i
+        if i in found:
+            found[j] = _after(found[i], one)
+        else:
+            found[i] = _after(found[j], Light(1 / one.gain, -one.offset / one.gain))
 
 
 class _Sample(NamedTuple):
+    """Some pixels of a map, and the share of them that is saturated."""
+
     modulation: npt.NDArray[Any]
     background: npt.NDArray[Any]
     rejected: npt.NDArray[Any]
+    saturated: float
 
 
-def _shared(one: _Sample, other: _Sample) -> npt.NDArray[np.bool_]:
-    return np.asarray((one.rejected == 0) & (other.rejected == 0) & (one.modulation > 0) & (other.modulation > 0))
+def _samples(maps: Sequence[ExposedMap]) -> list[_Sample]:
+    step = max(1, maps[0].phase_rad.size // SAMPLE)
+    return [
+        _Sample(
+            one.modulation.reshape(-1)[::step],
+            one.background.reshape(-1)[::step],
+            one.rejected.reshape(-1)[::step],
+            float(np.mean(one.rejected.reshape(-1)[::step] & SATURATED > 0)),
+        )
+        for one in maps
+    ]
 
 
-def _ratio(new: _Sample, known: _Sample, shared: npt.NDArray[np.bool_]) -> Light:
-    gain = float(np.median(known.modulation[shared] / new.modulation[shared]))
-    offset = float(np.median(known.background[shared] - np.float32(gain) * new.background[shared]))
-    return Light(gain, offset)
+def _compared(one: _Sample, other: _Sample) -> tuple[Light | None, int]:
+    """Return what takes the grey levels of `other` to those of `one`, None where nothing tells, and by how much."""
+    least = max(1, min(SHARED_MIN, one.rejected.size // 100))
+    valid = (one.rejected == 0) & (other.rejected == 0) & (one.modulation > 0) & (other.modulation > 0)
+    count = int(valid.sum())
+    if count >= least:
+        gain = float(np.median(one.modulation[valid] / other.modulation[valid]))
+        return Light(gain, float(np.median(one.background[valid] - np.float32(gain) * other.background[valid]))), count
+    free = ((one.rejected | other.rejected) & SATURATED) == 0
+    free &= np.isfinite(one.background) & np.isfinite(other.background)
+    return (_line(one.background[free], other.background[free]) if free.sum() >= least else None), 0
+
+
+def _line(one: npt.NDArray[Any], other: npt.NDArray[Any]) -> Light | None:
+    """Return the line through backgrounds, by the medians of their darkest and brightest fifth; None if they agree."""
+    order = np.argsort(one + other)
+    ends = order[: len(order) // 5 + 1], order[-(len(order) // 5) - 1 :]
+    (low, high), (dark, bright) = ([float(np.median(values[end])) for end in ends] for values in (one, other))
+    spread = max(float(np.median(np.abs(one[ends[0]] - low))), float(np.median(np.abs(other[ends[0]] - dark))), 0.05)
+    if high - low < CONTRAST * spread or bright - dark < CONTRAST * spread:
+        return None
+    gain = (high - low) / (bright - dark)
+    return Light(gain, low - gain * dark)
 
 
 def _after(outer: Light, inner: Light) -> Light:

@@ -38,7 +38,7 @@ def _choose(phase: Any, sigma: Any, rejected: Any, variance: Any, best: Any) -> 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _add(arrays: Any, variance: Any, best: Any, numbers: Any, sums: Any, wrong: Any) -> None:
     """Add a map to the sums `(5, width)` of one row, and note in `wrong` where it contradicts the best one."""
-    phase, modulation, background, confidence = arrays
+    phase, modulation, background, confidence, _ = arrays
     sigmas2, systematic, ignored2, wrapped, gain, offset = numbers
     for i in range(phase.shape[0]):
         own, least = variance[i], best[0, i]
@@ -75,23 +75,32 @@ def _finish(best: Any, sums: Any, wrong: Any, wrapped: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _explain(row: int, i: int, maps: Any, light: Any, out: Any) -> None:
-    """Write what is known of a pixel that every map drops.
+def _speak(arrays: Any, numbers: Any, first: bool, told: Any, reasons: Any) -> None:
+    """Let a map say what is known of pixels that every map drops; `told` is modulation, background, confidence.
 
-    The brightest map that is not saturated speaks, else the darkest; the maps run from dark to bright.
+    The brightest map that is not saturated has the last word, else the darkest; maps come from dark to bright.
     """
-    _, _, modulations, backgrounds, confidences, flags = maps
-    chosen = 0
-    for k in range(len(flags) - 1, 0, -1):
-        if not flags[k][row, i] & _SATURATED:
-            chosen = k
-            break
-    _, _, modulation, background, confidence, rejected = out
-    rejected[row, i] = flags[chosen][row, i] if flags[chosen][row, i] else _RESIDUAL  # a phase or deviation of NaN
-    modulation[row, i] = modulations[chosen][row, i] * light[0][chosen]
-    background[row, i] = backgrounds[chosen][row, i] * light[0][chosen] + light[1][chosen]
-    if confidence.size:
-        confidence[row, i] = confidences[chosen][row, i]
+    _, modulation, background, confidence, flags = arrays
+    _, _, _, _, gain, offset = numbers
+    for i in range(flags.shape[0]):
+        speaks = first | ((flags[i] & _SATURATED) == _KEPT)
+        told[0, i] = modulation[i] * gain if speaks else told[0, i]
+        told[1, i] = background[i] * gain + offset if speaks else told[1, i]
+        told[2, i] = confidence[i] if speaks else told[2, i]
+        reasons[i] = flags[i] if speaks else reasons[i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _explain(sums: Any, told: Any, reasons: Any, out: Any) -> None:
+    """Write what is known of the pixels of one row that every map drops."""
+    modulation, background, rejected = out
+    for i in range(rejected.shape[0]):
+        lost = sums[0, i] == _ZERO
+        modulation[i] = told[0, i] if lost else modulation[i]
+        background[i] = told[1, i] if lost else background[i]
+        sums[4, i] = told[2, i] if lost else sums[4, i]
+        why = reasons[i] if reasons[i] != _KEPT else _RESIDUAL  # a phase or a deviation of NaN
+        rejected[i] = why if lost else rejected[i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -106,19 +115,19 @@ def fuse_rows(start: int, stop: int, maps: Any, light: Any, numbers: Any, out: A
     width = out[0].shape[1]
     variance = np.empty((len(phases), width), np.float32)
     best, sums = np.empty((2, width), np.float32), np.empty((_SUMS, width), np.float32)
-    wrong, unsure = np.empty(width, np.uint16), np.zeros(width, np.float32)
+    told, unsure = np.empty((3, width), np.float32), np.zeros(width, np.float32)
+    wrong, reasons = np.empty(width, np.uint16), np.empty(width, np.uint16)
     for row in range(start, stop):
         best[0], best[1], sums[:], wrong[:] = _HUGE, _ZERO, _ZERO, _KEPT
         for k in range(len(phases)):
             _choose(phases[k][row], sigmas[k][row], flags[k][row], variance[k], best)
         for k in range(len(phases)):
             sure = confidences[k][row] if confidences[k].size else unsure
-            arrays = (phases[k][row], modulations[k][row], backgrounds[k][row], sure)
+            arrays = (phases[k][row], modulations[k][row], backgrounds[k][row], sure, flags[k][row])
             own = (numbers[0], numbers[1], numbers[2], numbers[3], light[0][k], light[1][k])
             _add(arrays, variance[k], best, own, sums, wrong)
+            _speak(arrays, own, k == 0, told, reasons)
         _finish(best, sums, wrong, numbers[3], (out[0][row], out[1][row], out[2][row], out[3][row], out[5][row]))
+        _explain(sums, told, reasons, (out[2][row], out[3][row], out[5][row]))
         if out[4].size:
             out[4][row] = sums[4]
-        for i in range(width):
-            if sums[0, i] == _ZERO:
-                _explain(row, i, maps, light, out)

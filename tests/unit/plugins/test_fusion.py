@@ -106,8 +106,34 @@ def test_light_is_compared_over_a_map_between_where_two_share_nothing():
         values = (column * gain).astype(np.float32)
         maps.append(ExposedMap(values, values, values, values + 2, NONE, (~part * 2).astype(np.uint16)))
     assert [one.gain for one in relative_light(maps)] == pytest.approx([1 / 16, 1 / 4, 1], rel=1e-5)
-    with pytest.raises(ValueError, match="map 1 shares too few pixels"):
-        relative_light([maps[0], maps[2]])
+    assert all(one.measured for one in relative_light(maps))
+
+
+def test_backgrounds_compare_light_where_no_pixel_is_valid_in_both():
+    column = np.linspace(0.01, 1, 400)[None, :] * np.ones((30, 1))
+    dark, bright = (ExposedMap(*(np.float32(column * gain),) * 3, np.float32(column * gain + 2), NONE,
+                               (flag * (np.arange(400) > 200 if gain > 1 else np.arange(400) <= 200)).astype(np.uint16)
+                               * np.ones((30, 1), np.uint16))
+                    for gain, flag in ((10.0, 2), (80.0, 2)))  # fmt: skip
+    for maps in ((dark, bright), (bright, dark)):
+        light = relative_light(maps)
+        assert sorted(one.gain for one in light) == pytest.approx([1 / 8, 1], rel=1e-3)
+        assert sorted(one.offset for one in light) == pytest.approx([0, 2 * 7 / 8], abs=0.01)
+
+
+def test_map_that_nothing_links_still_gives_its_phases():
+    ones = np.ones((40, 40), np.float32)
+    left = np.arange(40)[None, :] < 20
+    bright = ExposedMap(ones * 1, ones, 9 * ones, 9 * ones, NONE, (~left * np.ones((40, 1))).astype(np.uint16))
+    dark = ExposedMap(ones * 2, ones, ones, ones, NONE, (left * 2 * np.ones((40, 1))).astype(np.uint16))
+    light = relative_light([bright, dark])
+    assert [one.measured for one in light] == [True, False]
+    fused = fuse([bright, dark], False)
+    assert not fused.rejected.any()
+    assert np.array_equal(fused.phase_rad, np.where(left, 1, 2) * ones)
+    context = RecordingContext()
+    FuseExposures().run({"maps": (phase_map(bright), phase_map(dark))}, FuseExposures.Params(), context)
+    assert [level for level, text in context.logged if "guessed scale" in text] == ["warning"]
 
 
 def test_wrapped_phases_are_averaged_on_the_circle(scene):

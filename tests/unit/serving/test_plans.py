@@ -48,7 +48,7 @@ def test_part_of_the_sets_may_be_taken_where_nothing_is_processed_or_the_rest_is
 @pytest.mark.parametrize(
     ("wish", "error", "text"),
     [
-        (ScanWish(pipeline="nonsense"), NotFound, "there are hierarchical, thesis"),
+        (ScanWish(pipeline="nonsense"), NotFound, "there are .*hierarchical.*thesis"),
         (ScanWish(preset="nonsense"), NotFound, "there are plaster, skin"),
         (ScanWish(preset="skin", pipeline="thesis"), UsageError, "give only one"),
         (ScanWish(roles=["reference"]), UsageError, "has no role 'reference'; its roles: object"),
