@@ -39,8 +39,8 @@ Style = Annotated[
     Meta(description="the fringes' profile; the binary ones are for a defocused projector"),
 ]
 Dither = Annotated[
-    Literal["none", "ordered", "error-diffusion"],
-    Meta(description="vary whole grey levels so that their local mean follows the wanted light"),
+    Literal["none", "quiet", "ordered", "error-diffusion"],
+    Meta(description="vary whole grey levels so that their mean follows the light; quiet: so that the phase is spared"),
 ]
 Shifts = Annotated[
     list[Annotated[float, Meta(ge=-100, le=100)]],
@@ -101,6 +101,26 @@ def orientations(params: FringeParams) -> tuple[Orientation, ...]:
 def equal_shifts(steps: int) -> tuple[float, ...]:
     """Return `steps` shifts (rad) that divide a turn."""
     return tuple(2 * np.pi * step / steps for step in range(steps))
+
+
+class Expecting(Protocol):
+    """Parameters that say how much noise is expected."""
+
+    expected_snr: float
+    grey_low: float
+    grey_high: float
+    levels: list[float]
+    dither: str
+
+
+def shown_snr(params: Expecting) -> float:
+    """Return the expected modulation over the noise of a frame, with what rounding to whole grey levels adds.
+
+    The darkest level of light counts. A rounded level is off by 1 / sqrt(12) rms.
+    """
+    modulation = (params.grey_high - params.grey_low) / 2 * min(params.levels)
+    rounding = 1 / np.sqrt(12) / max(modulation, 1e-9) if params.dither == "none" else 0.0
+    return float(1 / np.hypot(1 / params.expected_snr, rounding))
 
 
 def sinusoids(

@@ -28,14 +28,14 @@ def images(frames: Sequence[PatternFrame], greys: Greys, size_px: tuple[int, int
     size_px
         height and width of the projector's panel.
     dither
-        how whole grey levels vary: "none", "ordered" or "error-diffusion".
+        how whole grey levels vary: "none", "quiet", "ordered" or "error-diffusion".
 
     Raises
     ------
     ValueError
         a tone curve that does not rise, or pictures of more than 256 MiB together.
     """
-    whole = dither != "none" or any(frame.style == "binary-dithered" for frame in frames)
+    whole = dither not in ("none", "quiet") or any(frame.style == "binary-dithered" for frame in frames)
     depth = 1 if all(frame.channel == "white" for frame in frames) else 3
     total = len(frames) * size_px[0] * size_px[1] * depth
     if whole and total > _MOST_BYTES:
@@ -58,10 +58,15 @@ def _image(frame: PatternFrame, greys: Greys, size_px: tuple[int, int], dither: 
         from fringed_plugins.phase import dithering
 
         light = dithering.diffuse(_panel(light, lines), np.array([0.0, 1.0])).astype(np.float64)
-    elif dither != "none":
+    elif dither not in ("none", "quiet"):
         light = _panel(light, lines)
     else:
         light = light[None, :]
+    if dither == "quiet":
+        equal = abs(frame.shift_rad - 2 * np.pi * frame.step / frame.steps) < 1e-9
+        wanted = 1 - light[0] if frame.inverted else light[0]
+        grey = greys.sparing(wanted, frame.period_px, frame.steps if equal else 0)[None, :]
+        return coloured(grey if columns else grey.T, frame.channel)
     grey = greys.of(light, dither)
     if frame.inverted:
         grey = greys.complement(light, grey, dither)

@@ -107,6 +107,19 @@ class Greys:
         index = dithering.ordered(wanted, light) if dither == "ordered" else dithering.diffuse(wanted, light)
         return np.asarray(index + first, np.uint8)
 
+    def sparing(self, relative: Float64Array, period_px: float, steps: int = 0) -> UInt8Array:
+        """Return the grey levels of a line (n,) of fringes, rounded so that the phase of `steps` equal steps is spared.
+
+        Raises
+        ------
+        ValueError
+            a tone curve that does not rise.
+        """
+        from fringed_plugins.phase.nonlinear.rounding import quiet_levels
+
+        first, light, wanted = self._light(relative)
+        return np.asarray(first + quiet_levels(wanted, light, period_px, steps), np.uint8)
+
     def complement(self, relative: Float64Array, grey: UInt8Array, dither: str = "none") -> UInt8Array:
         """Return the grey levels whose light and that of `grey` (made of `relative`) add up to a constant.
 
@@ -174,7 +187,7 @@ def check_period(length_px: int, periods: float) -> None:
 
 
 def check_frequencies(length_px: int, periods: Sequence[float], steps: Sequence[float], snr: float) -> None:
-    """Check that a set of frequencies can be unwrapped from coarse to fine; `steps` that are not equal count as fewer.
+    """Check that a set of frequencies can be unwrapped from coarse to fine; steps that are not equal count as fewer.
 
     `snr` is the modulation over the noise of one frame that is expected; a coarse phase, times the
     ratio to the next frequency, must tell its fringe order apart with five standard deviations.
@@ -191,7 +204,8 @@ def check_frequencies(length_px: int, periods: Sequence[float], steps: Sequence[
             f"{len(steps)} numbers of steps for {len(periods)} frequencies; give one number, or one for each"
         )
     for count, number in zip(steps, periods, strict=True):
-        check_steps(count)
+        if isinstance(count, int):
+            check_steps(count)
         check_period(length_px, number)
     if periods[0] > 1:
         raise ValueError(

@@ -14,13 +14,14 @@ _ROUNDS = 6
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def remove_rows(start: int, stop: int, phase: Any, blur: Any, series: Any, numbers: Any, out: Any) -> None:
-    """Write the true phase whose measured one is `phase` (rad), for rows `start` to `stop`.
+def remove_rows(start: int, stop: int, maps: Any, series: Any, numbers: Any, out: Any) -> None:
+    """Write the true phase whose measured one is `maps[0]` (rad) where the blur indicator is `maps[1]`.
 
     `series` (3, 3) float32 holds, for the multiples 1, 2, 3 of `steps`, the polynomial of the blur indicator whose
     value is q in `measured = true + angle(1 + sum q_k exp(-i k steps true))`; `numbers` is (steps, centre, spread) of
     that indicator. Newton's method; where the phase is NaN it stays so.
     """
+    phase, blur = maps
     steps, centre, spread = numbers
     one = np.float32(1)
     for y in range(start, stop):

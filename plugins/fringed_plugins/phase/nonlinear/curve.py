@@ -49,7 +49,7 @@ def monotone_curve(
     fitted = everywhere @ (rising @ nnls(stacked, target)[0])
     low, high = fitted[0], fitted[-1]
     deviation = np.sqrt(np.einsum("ij,jk,ik->i", everywhere, covariance, everywhere))
-    return (fitted - low) / (high - low), deviation / (high - low)
+    return np.asarray((fitted - low) / (high - low), np.float64), np.asarray(deviation / (high - low), np.float64)
 
 
 def _basis(at: Float64Array, pieces: int) -> Float64Array:

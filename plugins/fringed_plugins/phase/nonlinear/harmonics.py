@@ -38,7 +38,7 @@ def harmonics_of(light: npt.ArrayLike, count: int = MOST_HARMONICS) -> Float64Ar
     found[:known] = spectrum[:known]
     if not abs(found[1]) > 0:
         raise ValueError("the light has no fundamental: one period of a fringe, crest first, is needed")
-    return found / found[1]
+    return np.asarray(found / found[1], np.float64)
 
 
 def tone_harmonics(

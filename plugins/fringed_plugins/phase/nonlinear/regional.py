@@ -5,8 +5,8 @@ frequencies are the same column in two scales, but for their errors; these have 
 so that one fit tells both apart. No calibration and no second surface is needed: what is corrected is the very scan.
 
 How strong a harmonic is depends on the blur, and that on the surface. The ratio of the fine fringes' modulation to the
-coarse ones' tells the blur of every pixel, whatever the surface's colour; each harmonic is a polynomial of its logarithm.
-No shape of the blur is assumed.
+coarse ones' tells the blur of every pixel, whatever the surface's colour; each harmonic is a polynomial of its
+logarithm. No shape of the blur is assumed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Float64Array = npt.NDArray[np.float64]
 _ROUNDS = 12
 _PLAIN_ROUNDS = 3  # with the same harmonics everywhere, until the modulations are free of ripple
 _BLUR_WINDOW_PX = 15
-_SETTLED_RAD = 1e-5
+_SETTLED_RAD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def estimate_harmonics(
 ) -> RegionalHarmonics:
     """Return the harmonics of the error of `fine`, whose absolute phase is `phase_rad` (height, width), NaN where none.
 
-    Measured = true + angle(1 + sum_k q_k exp(-i k N true)), k = 1, 2, 3, which holds for an error of any size and any odd
-    shape; q_k is a polynomial of `blur_terms` (1 to 3) coefficients in the blur indicator. Gauss-Newton on the differences
-    of `coarser` to what `phase_rad` predicts for them; outliers, such as wrong fringe orders, are left out.
+    Measured = true + angle(1 + sum_k q_k exp(-i k N true)), k = 1, 2, 3, which holds for an error of any size and any
+    odd shape; q_k is a polynomial of `blur_terms` (1 to 3) coefficients in the blur indicator. Gauss-Newton on the
+    differences of `coarser` to what `phase_rad` predicts for them; outliers, such as wrong fringe orders, are left out.
 
     Raises
     ------
@@ -140,8 +140,8 @@ def remove(phase_rad: Float32Array, harmonics: RegionalHarmonics, threads: int =
         raise ValueError(f"a phase of shape {phase_rad.shape} for harmonics of {harmonics.indicator.shape}")
     out = np.empty(phase_rad.shape, np.float32)
     numbers = (np.float32(harmonics.steps), np.float32(harmonics.centre), np.float32(harmonics.spread))
-    arrays = (_locked(phase_rad), _locked(harmonics.indicator), _locked(harmonics.series))
-    run_rows(remove_rows, len(out), *arrays, numbers, out, threads=threads)
+    maps = (_locked(phase_rad), _locked(harmonics.indicator))
+    run_rows(remove_rows, len(out), maps, _locked(harmonics.series), numbers, out, threads=threads)
     return out
 
 

@@ -84,7 +84,7 @@ class Fit:
             self.series[g] = np.linalg.lstsq(powers, wanted.T, rcond=1e-6)[0].T
 
     def improve(self, terms: int) -> float:
-        """Do one round of Gauss-Newton with `terms` powers of the indicator; return the RMS change (rad) of the error."""
+        """Do one round of Gauss-Newton with `terms` powers of the indicator; return the error's RMS change (rad)."""
         values, powers = self._harmonics(), self._powers(terms)
         true = self._undone(values)
         slope = self._slopes(0, values, true) / (1 + self._turn(0, values, true))

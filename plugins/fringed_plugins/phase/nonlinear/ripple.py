@@ -54,8 +54,8 @@ def equal_steps(shifts_rad: npt.ArrayLike) -> int:
     gaps = np.diff(np.append(shifts, shifts[0] + 2 * np.pi))
     if len(shifts) < 3 or np.abs(gaps - 2 * np.pi / len(shifts)).max() > 1e-3:
         raise ValueError(
-            f"shifts of {np.round(shifts, 3).tolist()} rad are not equal steps of a turn; harmonics alias in a known way "
-            "only where they are: use the encoders' `steps`"
+            f"shifts of {np.round(shifts, 3).tolist()} rad are not equal steps of a turn; harmonics alias in a known "
+            "way only where they are: use the encoders' `steps`"
         )
     return len(shifts)
 

@@ -1,8 +1,8 @@
 """A table of the phase error against the phase, measured on one surface.
 
-Owns its measurement, from many steps or from a plane, and its use. Right for the fringes, steps, grey levels and blur it
-was measured with; on a surface that is blurred otherwise it takes too much or too little. `response` or `regional` know
-no such limit.
+Owns its measurement, from many steps or from a plane, and its use. Right for the fringes, steps, grey levels and blur
+it was measured with; on a surface that is blurred otherwise it takes too much or too little. The ways of
+`response` and `regional` know no such limit.
 """
 
 from __future__ import annotations
