@@ -103,24 +103,14 @@ def equal_shifts(steps: int) -> tuple[float, ...]:
     return tuple(2 * np.pi * step / steps for step in range(steps))
 
 
-class Expecting(Protocol):
-    """Parameters that say how much noise is expected."""
-
-    expected_snr: float
-    grey_low: float
-    grey_high: float
-    levels: list[float]
-    dither: str
-
-
-def shown_snr(params: Expecting) -> float:
+def shown_snr(params: FringeParams, expected_snr: float) -> float:
     """Return the expected modulation over the noise of a frame, with what rounding to whole grey levels adds.
 
     The darkest level of light counts. A rounded level is off by 1 / sqrt(12) rms.
     """
     modulation = (params.grey_high - params.grey_low) / 2 * min(params.levels)
-    rounding = 1 / np.sqrt(12) / max(modulation, 1e-9) if params.dither == "none" else 0.0
-    return float(1 / np.hypot(1 / params.expected_snr, rounding))
+    rounded = params.dither in ("none", "quiet") and modulation > 0
+    return float(1 / np.hypot(1 / expected_snr, 1 / np.sqrt(12) / modulation if rounded else 0.0))
 
 
 def sinusoids(

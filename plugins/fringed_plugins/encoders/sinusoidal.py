@@ -25,6 +25,7 @@ from fringed_plugins.encoders.common import (
     fringes,
     length_px,
     orientations,
+    shown_snr,
 )
 from fringed_plugins.phase import pattern_rules, patterns
 
@@ -150,7 +151,10 @@ class MultiFrequencyEncoder:
         try:
             designs = {
                 orientation: design_hierarchical(
-                    length_px(target, orientation), params.frames, params.expected_snr, params.min_period_px
+                    length_px(target, orientation),
+                    params.frames,
+                    shown_snr(params, params.expected_snr),
+                    params.min_period_px,
                 )
                 for orientation in orientations(params)
             }
@@ -192,7 +196,9 @@ def _hierarchical(params: MultiFrequencyEncoder.Params, length: int) -> list[Fri
     if params.shifts_rad:
         steps = [len(params.shifts_rad)] * len(periods)
     found = [_shifts(count, params.shifts_rad) for count in steps]
-    patterns.check_frequencies(length, periods, [_worth(params, shifts) for shifts in found], params.expected_snr)
+    patterns.check_frequencies(
+        length, periods, [_worth(params, shifts) for shifts in found], shown_snr(params, params.expected_snr)
+    )
     return [Fringe(length / number, shifts) for number, shifts in zip(periods, found, strict=True)]
 
 

@@ -35,7 +35,7 @@ def check_shape(style: str, period_px: float, shifts_rad: Sequence[float], dithe
             f"a {style} fringe of {period_px:.3g} px is too short for its shape; use {least:g} px or more{simpler}"
         )
     if style in TWO_LEVEL and dither != "none":
-        raise ValueError(f"dither = {dither!r} varies grey levels, and the style {style} has two only: leave it at none")
+        raise ValueError(f"dither = {dither!r} varies grey levels; the style {style} has two only: leave it at none")
     moved_px = _least_distance(shifts_rad) / (2 * np.pi) * period_px
     if style in ("binary", "binary-pulse-width") and 1e-6 < moved_px < 1 - 1e-9:
         raise ValueError(

@@ -8,7 +8,7 @@ import importlib
 import pytest
 
 MODULES = (
-    "calibration.reference", "phase.patterns", "phase.shifts", "unwrap.regions", "unwrap.spatial",
+    "calibration.reference", "phase.dithering", "phase.frequencies", "phase.frequency_errors", "phase.patterns", "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
 )  # fmt: skip
 
 
