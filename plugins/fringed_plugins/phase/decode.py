@@ -7,20 +7,45 @@ frame is comes as `shifts.Group`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.phase import decode_kernel
 from fringed_plugins.phase.cleaning import clean
+from fringed_plugins.phase.closed_forms import Sums
+from fringed_plugins.phase.decode_kernel import Job, Part, decode_rows
 from fringed_plugins.phase.decoded import Decoded, Thresholds
+from fringed_plugins.phase.finish_kernel import Limits
+from fringed_plugins.phase.level_kernel import State
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.shifts import Group, degrees_of_freedom, phase_variance_factor, plan
+from fringed_plugins.phase.shifts import (
+    Group,
+    Plan,
+    degrees_of_freedom,
+    phase_variance_factor,
+    plan,
+    style_residual,
+)
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Keep:
+    """Which maps to return besides phase, modulation and mask; each takes time to write."""
+
+    sigma: bool = True
+    background: bool = True
+    wrapped: bool = False
+    residual: bool = False
+    confidence: bool = False
+
+
+LEAN = Keep(sigma=False, background=False)
 
 
 def decode(
@@ -30,6 +55,7 @@ def decode(
     thresholds: Thresholds,
     size_px: int | None = None,
     *,
+    keep: Keep = Keep(),
     keep_wrapped: bool = False,
     threads: int = 0,
 ) -> Decoded:
@@ -39,7 +65,8 @@ def decode(
     the phase is absolute: `2 pi u / period_px + initial_rad` of the last group. Where the coarsest
     group has exactly one period the range is a circle, so that noise at the projector's border does
     not throw a point to the opposite one. Without `size_px` there is one group and the phase is
-    wrapped. `frames` are uint8, uint16 or float32.
+    wrapped. `frames` are uint8, uint16 or float32; anything else is converted to float32 first. A pixel
+    whose frames are not finite is dropped.
 
     Raises
     ------
@@ -50,51 +77,93 @@ def decode(
     ----------
     Greivenkamp 1984 (least squares); Zuo et al. 2016, section 3 (hierarchical unwrapping).
     """
-    if not groups or (size_px is None and len(groups) != 1):
-        raise ValueError(f"{len(groups)} groups of frames; a wrapped phase needs exactly one, an absolute one or more")
-    shape = frames.shape[1:]
-    out = Decoded(
-        phase_rad=np.empty(shape, np.float32),
-        sigma_rad=np.empty(shape, np.float32),
-        modulation=np.empty(shape, np.float32),
-        background=np.empty(shape, np.float32),
-        wrapped_rad=np.empty(shape if keep_wrapped else (0, 0), np.float32),
-        rejected=np.empty(shape, np.uint16),
-    )
-    stack = frames.view()
-    stack.flags.writeable = False  # one compiled kernel for read-only and writable frames
-    limits = _limits(groups, noise, thresholds, size_px)
-    run_rows(decode_kernel.decode_rows, shape[0], stack, plan(groups), limits, out, threads=threads)
+    keep = replace(keep, wrapped=keep.wrapped or keep_wrapped)
+    stack = readable(frames)
+    layout, limits = prepare(groups, noise, thresholds, size_px)
+    out = empty(stack.shape[1:], keep, absolute=size_px is not None)
+    if out.rejected.size == 0:
+        return out
+    part = Part(0, len(groups), finishes=True, absolute=size_px is not None, kept=False, summed=False)
+    job = Job(part, no_state(), no_sums(stack.dtype), limits, out)
+    run_rows(decode_rows, stack.shape[1], stack, layout, job, threads=threads)
     clean(out, groups[-1], thresholds, size_px, threads)
     return out
 
 
-def _limits(
+def readable(frames: Array) -> Array:
+    """Return frames as the kernel takes them: C-ordered, native, read-only uint8, uint16 or float32."""
+    kind = frames.dtype.newbyteorder("=")
+    kept = kind if kind in (np.uint8, np.uint16, np.float32) else np.dtype(np.float32)
+    stack = np.ascontiguousarray(frames, kept).view()
+    stack.flags.writeable = False  # one compiled kernel for read-only and writable frames
+    return stack
+
+
+def empty(shape: tuple[int, ...], keep: Keep, *, absolute: bool) -> Decoded:
+    """Return the arrays that the kernel fills."""
+
+    def plane(wanted: bool) -> Float32Array:
+        return np.empty(shape if wanted else (0, 0), np.float32)
+
+    return Decoded(
+        phase_rad=plane(True),
+        sigma_rad=plane(keep.sigma),
+        modulation=plane(True),
+        background=plane(keep.background),
+        wrapped_rad=plane(keep.wrapped),
+        rejected=np.empty(shape, np.uint16),
+        residual=plane(keep.residual),
+        confidence=plane(keep.confidence and absolute),
+    )
+
+
+def no_state() -> State:
+    """Return the state of no rows."""
+    nothing = np.empty((0, 0), np.float32)
+    return State(*[nothing] * 8)
+
+
+def no_sums(kind: np.dtype[Any]) -> Sums:
+    """Return the sums of no rows."""
+    nothing = np.empty((0, 0), np.float32)
+    return Sums(np.empty((0, 0), kind), *[nothing] * 5, normal=np.empty(0, np.float32))
+
+
+def prepare(
     groups: Sequence[Group], noise: NoiseModel, thresholds: Thresholds, size_px: int | None
-) -> decode_kernel.Limits:
+) -> tuple[Plan, Limits]:
+    """Return what the kernel needs to know of the groups and of the thresholds.
+
+    Raises
+    ------
+    ValueError
+        as `decode` does.
+    """
+    if not groups or (size_px is None and len(groups) != 1):
+        raise ValueError(f"{len(groups)} groups of frames; a wrapped phase needs exactly one, an absolute one or more")
     dof = max(degrees_of_freedom(groups), 1)
     last = groups[-1]
-    absolute = size_px is not None
-    cut, first_cut, wrap, low, high = _range(groups, size_px, thresholds.edge_px) if size_px else (0.0,) * 5
+    cut, centre, wrap, low, high = _range(groups, size_px, thresholds.edge_px) if size_px else (0.0,) * 5
     numbers = {
         "noise_constant": noise.constant_dn2,
         "noise_slope": noise.slope_dn,
         "phase_factor": phase_variance_factor(last.shifts_rad),
         "saturation": thresholds.saturation_dn,
-        "modulation": thresholds.modulation_dn,
+        "modulation2": thresholds.modulation_dn**2,
         "modulation_snr2": thresholds.modulation_snr**2,
         "residual_sigma2": _chi_square_limit(dof),
-        "residual_part2": dof * thresholds.residual**2,
+        "residual_part2": dof * thresholds.residual**2 + sum(style_residual(group) for group in groups),
+        "per_residual": 1 / dof,
         "misfit_turns": thresholds.order_turns,
         "drop2": thresholds.modulation_drop**2,
-        "first_turns": first_cut,
         "wrap_turns": wrap,
         "cut_turns": cut,
         "low_turns": low,
         "high_turns": high,
         "initial_rad": last.initial_rad,
     }
-    return decode_kernel.Limits(**{name: np.float32(n) for name, n in numbers.items()}, absolute=absolute)
+    limits = Limits(**{name: np.float32(n) for name, n in numbers.items()})
+    return plan(groups, centre, absolute=size_px is not None), limits
 
 
 def _chi_square_limit(dof: int) -> float:
@@ -103,7 +172,7 @@ def _chi_square_limit(dof: int) -> float:
 
 
 def _range(groups: Sequence[Group], size_px: int, edge_px: float) -> tuple[float, float, float, float, float]:
-    """Return where phases are cut, the circle's length, and the turns that are on the projector."""
+    """Return where phases are cut, the middle of the coarsest, the circle's length, the turns on the projector."""
     coarse, fine = groups[0].period_px, groups[-1].period_px
     if size_px > coarse * (1 + 1e-6):
         raise ValueError(
@@ -112,6 +181,6 @@ def _range(groups: Sequence[Group], size_px: int, edge_px: float) -> tuple[float
         )
     counts = [size_px / group.period_px for group in groups]
     circular = counts[0] > 1 - 1e-6 and all(abs(n - round(n)) < 1e-4 for n in counts)
-    first_cut = -0.5 / coarse - (1 - counts[0]) / 2
+    centre = (counts[0] / 2) - 0.5 / coarse
     wrap = float(round(counts[-1])) if circular else 0.0
-    return -0.5 / fine, first_cut, wrap, (edge_px - 0.5) / fine, (size_px - 0.5 - edge_px) / fine
+    return -0.5 / fine, centre, wrap, (edge_px - 0.5) / fine, (size_px - 0.5 - edge_px) / fine

@@ -1,7 +1,7 @@
-"""The fused kernel: frames to phase, modulation, background, noise and mask in one pass over the rows.
+"""The fused kernel: frames to phase and mask in one pass over the rows, and the same in parts while frames arrive.
 
-Owns the loops; `decode` prepares what they need. Every inner loop runs over a row in float32 without
-branches, so that the compiler vectorises it.
+Owns the order in which a row's loops run, and their scratch; the loops are in `level_kernel` and `finish_kernel`.
+What one loop leaves for the next is a few rows, which stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -11,191 +11,206 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from fringed_plugins.phase.arctangent import fast_atan2
+from fringed_plugins.phase.closed_forms import Sums
+from fringed_plugins.phase.finish_kernel import (
+    Limits,
+    Maps,
+    confidence_row,
+    last_level,
+    residual_row,
+    sigma_row,
+    wrap_row,
+    wrapped_row,
+)
+from fringed_plugins.phase.level_kernel import (
+    Level,
+    Row,
+    State,
+    add_level,
+    add_margin,
+    begin_margin,
+    begin_row,
+    copy_row,
+    options,
+    state_at,
+)
+from fringed_plugins.phase.sums import begin_sums, fold, new_sums, sums_at
 
-_HALF = np.float32(0.5)
-_ZERO = np.float32(0.0)
-_TWO_PI = np.float32(2 * np.pi)
-_PER_TURN = np.float32(0.5 / np.pi)
-_ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
-_NAN = np.float32(np.nan)
-_TINY = np.float32(1e-12)
 
-# The rows of the scratch buffer.
-_A, _C, _S, _R, _TOP, _SS, _WEAK, _MISFIT, _TURNS, _WRAPPED, _COARSE, _B2 = range(12)
-SCRATCH_ROWS = 12
+class Part(NamedTuple):
+    """What of the work a call does: groups `first` to `last`, the finest of which writes the maps if it `finishes`."""
 
-
-class Limits(NamedTuple):
-    """Numbers of the last step, all float32: noise model, thresholds and the projector's range."""
-
-    noise_constant: np.float32  # variance of one frame: constant + slope * background, in DN^2
-    noise_slope: np.float32
-    phase_factor: np.float32  # sigma_phase^2 = factor * variance / modulation^2
-    saturation: np.float32
-    modulation: np.float32  # smallest modulation in DN
-    modulation_snr2: np.float32  # smallest squared modulation over the noise's variance
-    residual_sigma2: np.float32  # largest sum of squared residuals, in variances of one frame
-    residual_part2: np.float32  # ... plus this part of the squared modulation
-    misfit_turns: np.float32  # largest difference between a coarse prediction and a fine phase
-    drop2: np.float32  # smallest squared ratio of the finest to the coarsest modulation
-    first_turns: np.float32  # where the coarsest phase is cut
-    wrap_turns: np.float32  # number of the finest periods, or 0 where the range is not circular
-    cut_turns: np.float32  # where the finest phase is cut
-    low_turns: np.float32  # range of the finest phase that is on the projector
-    high_turns: np.float32
-    initial_rad: np.float32  # added to the finest phase
+    first: int
+    last: int
+    finishes: bool
     absolute: bool
+    kept: bool  # the state is that of all rows; otherwise a row's is scratch
+    summed: bool  # the group's sums are complete already
 
 
-_options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+class Job(NamedTuple):
+    """What a call works with besides the frames: where the state and sums of all rows are, limits, and the maps."""
+
+    part: Part
+    state: State
+    sums: Sums
+    limits: Limits
+    out: Any  # decoded.Decoded
 
 
-@njit(**_options)
-def _fit(f0: Any, f1: Any, f2: Any, f3: Any, k: Any, work: Any) -> None:
-    """Add four frames' part of A, C, S and of the first residual component; track the brightest."""
-    a, c, s, r, top = work[0], work[1], work[2], work[3], work[4]
-    a0, a1, a2, a3 = k[0, 0], k[0, 1], k[0, 2], k[0, 3]
-    c0, c1, c2, c3 = k[1, 0], k[1, 1], k[1, 2], k[1, 3]
-    s0, s1, s2, s3 = k[2, 0], k[2, 1], k[2, 2], k[2, 3]
-    r0, r1, r2, r3 = k[3, 0], k[3, 1], k[3, 2], k[3, 3]
-    for x in range(a.size):
-        v0, v1, v2, v3 = np.float32(f0[x]), np.float32(f1[x]), np.float32(f2[x]), np.float32(f3[x])
-        a[x] += a0 * v0 + a1 * v1 + a2 * v2 + a3 * v3
-        c[x] += c0 * v0 + c1 * v1 + c2 * v2 + c3 * v3
-        s[x] += s0 * v0 + s1 * v1 + s2 * v2 + s3 * v3
-        r[x] += r0 * v0 + r1 * v1 + r2 * v2 + r3 * v3
-        high = v0 if v0 > v1 else v1
-        other = v2 if v2 > v3 else v3
-        high = high if high > other else other
-        top[x] = high if high > top[x] else top[x]
+class Tools(NamedTuple):
+    """A thread's own: scratch rows, and the row of state in work."""
+
+    state: State
+    sums: Sums
+    row: Row
 
 
-@njit(**_options)
-def _component(f0: Any, f1: Any, f2: Any, f3: Any, k: Any, out: Any) -> None:
-    """Add four frames' part of one further residual component."""
-    k0, k1, k2, k3 = k[0], k[1], k[2], k[3]
-    for x in range(out.size):
-        out[x] += k0 * np.float32(f0[x]) + k1 * np.float32(f1[x]) + k2 * np.float32(f2[x]) + k3 * np.float32(f3[x])
+@njit(**options)
+def new_state(rows: int, width: int, margin: bool) -> State:
+    """Return an empty state of `rows` rows; its margin is (0, 0) where none is wanted."""
+    shape = (rows, width)
+    other = shape if margin else (0, 0)
+    return State(
+        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.float32),
+        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.float32),
+        np.empty(other, np.float32), np.empty(other, np.float32),
+    )  # fmt: skip
 
 
-@njit(**_options)
-def _add_square(part: Any, total: Any) -> None:
-    for x in range(total.size):
-        total[x] += part[x] * part[x]
-        part[x] = _ZERO
+@njit(**options)
+def _new_row(width: int) -> Row:
+    return Row(
+        np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32),
+        np.empty(width, np.float32), np.empty(width, np.float32),
+    )  # fmt: skip
 
 
-@njit(**_options)
-def _first_level(work: Any, initial: np.float32, cut: np.float32) -> None:
-    """Phase of the coarsest group in turns, cut where the projector ends."""
-    c, s, turns, wrapped, b2 = work[1], work[2], work[8], work[9], work[11]
-    coarse, weak, misfit = work[10], work[6], work[7]
-    for x in range(c.size):
-        phase = fast_atan2(s[x], c[x])
-        wrapped[x] = phase
-        t = phase * _PER_TURN - initial
-        below = t - cut
-        turns[x] = t - ((below - _HALF + _ROUND) - _ROUND)
-        b2[x] = c[x] * c[x] + s[x] * s[x]
-        coarse[x] = b2[x]
-        weak[x] = b2[x]
-        misfit[x] = _ZERO
+@njit(**options)
+def _three(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
+    return frames[i[0], y], frames[i[1], y], frames[i[2], y]
 
 
-@njit(**_options)
-def _next_level(work: Any, initial: np.float32, ratio: np.float32) -> None:
-    """Phase of a finer group: its fraction, with the integer that the coarser one predicts."""
-    c, s, turns, wrapped, b2 = work[1], work[2], work[8], work[9], work[11]
-    weak, misfit = work[6], work[7]
-    for x in range(c.size):
-        phase = fast_atan2(s[x], c[x])
-        wrapped[x] = phase
-        t = phase * _PER_TURN - initial
-        predicted = ratio * turns[x]
-        fine = t + ((predicted - t + _ROUND) - _ROUND)
-        off = abs(predicted - fine)
-        misfit[x] = off if off > misfit[x] else misfit[x]
-        turns[x] = fine
-        square = c[x] * c[x] + s[x] * s[x]
-        b2[x] = square
-        weak[x] = square if square < weak[x] else weak[x]
+@njit(**options)
+def _four(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
+    return frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y]
 
 
-@njit(**_options)
-def _flags(work: Any, limits: Any, flags: Any) -> None:
-    """Say why a pixel is dropped, with the bits of the contract's mask."""
-    a, top, ss, weak, misfit, coarse, b2 = work[0], work[4], work[5], work[6], work[7], work[10], work[11]
-    slope, constant, snr2 = limits.noise_slope, limits.noise_constant, limits.modulation_snr2
-    for x in range(a.size):
-        variance = constant + slope * (a[x] if a[x] > _ZERO else _ZERO)
-        flag = np.int32(1) if top[x] >= limits.saturation else np.int32(0)
-        least = snr2 * variance
-        weakest = limits.modulation * limits.modulation
-        least = least if least > weakest else weakest
-        flag |= np.int32(2) if weak[x] < least else np.int32(0)
-        flag |= np.int32(4) if misfit[x] > limits.misfit_turns else np.int32(0)
-        worst = limits.residual_sigma2 * variance + limits.residual_part2 * b2[x]
-        flag |= np.int32(8) if ss[x] > worst else np.int32(0)
-        flag |= np.int32(64) if b2[x] < limits.drop2 * coarse[x] else np.int32(0)
-        flags[x] = flag
+@njit(**options)
+def _six(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
+    return frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y], frames[i[4], y], frames[i[5], y]
 
 
-@njit(**_options)
-def _values(work: Any, limits: Any, flags: Any, phase: Any, sigma: Any) -> None:
-    """Write the phase and its standard deviation; NaN where dropped."""
-    a, turns, wrapped, b2 = work[0], work[8], work[9], work[11]
-    absolute, wrap = limits.absolute, limits.wrap_turns
-    for x in range(a.size):
-        t = turns[x]
-        if absolute:
-            round_trips = (t - limits.cut_turns) / wrap if wrap > _ZERO else _HALF
-            t -= wrap * ((round_trips - _HALF + _ROUND) - _ROUND)
-            outside = t < limits.low_turns or t > limits.high_turns
-            flags[x] |= np.int32(16) if outside else np.int32(0)
-        value = t * _TWO_PI + limits.initial_rad if absolute else wrapped[x]
-        variance = limits.noise_constant + limits.noise_slope * (a[x] if a[x] > _ZERO else _ZERO)
-        deviation = np.sqrt(limits.phase_factor * variance / (b2[x] + _TINY))
-        phase[x] = value if flags[x] == 0 else _NAN
-        sigma[x] = deviation if flags[x] == 0 else _NAN
+@njit(**options)
+def _summed(frames: Any, y: int, plan: Any, g: int, job: Job, sums: Sums) -> Sums:
+    """Return the sums of row `y` of group `g`: those that are there, or all frames added up in scratch."""
+    if job.part.summed:
+        return sums_at(job.sums, y, plan.normal[g])
+    here = sums_at(sums, 0, plan.normal[g])
+    begin_sums(frames[plan.place[g, 0], y], here)
+    for q in range(plan.chunks[g]):
+        fold(_four(frames, plan.place[g, 4 * q : 4 * q + 4], y), plan.weights[g, q], here)
+    return here
 
 
-@njit(**_options)
-def _pictures(work: Any, flags: Any, modulation: Any, background: Any, rejected: Any) -> None:
-    a, b2 = work[0], work[11]
-    for x in range(a.size):
-        modulation[x] = np.sqrt(b2[x])
-        background[x] = a[x]
-        rejected[x] = np.uint16(flags[x])
+@njit(**options)
+def _add(frames: Any, y: int, plan: Any, g: int, job: Job, tools: Tools) -> None:
+    """Take row `y` of group `g` into the state."""
+    level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], job.limits.saturation, plan.variance[g])
+    i, state, row = plan.place[g], tools.state, tools.row
+    if plan.form[g] == 3:
+        add_level(_three(frames, i, y), level, state, row)
+    elif plan.form[g] == 4:
+        add_level(_four(frames, i, y), level, state, row)
+    elif plan.form[g] == 6:
+        add_level(_six(frames, i, y), level, state, row)
+    else:
+        add_level(_summed(frames, y, plan, g, job, tools.sums), level, state, row)
+    if g == 0:
+        copy_row(row.square, state.coarsest)
+    _margin(g, level, state, row)
 
 
-@njit(**_options)
-def decode_rows(start: int, stop: int, frames: Any, plan: Any, limits: Any, out: Any) -> None:
-    """Decode rows `start` to `stop` of `frames` (n, height, width) into the arrays of `out`."""
-    width = frames.shape[2]
-    work = np.zeros((SCRATCH_ROWS, width), np.float32)
-    flags = np.zeros(width, np.int32)
+@njit(**options)
+def _margin(g: int, level: Level, state: State, row: Row) -> None:
+    if state.margin.size == 0:
+        return
+    if g == 0:
+        begin_margin(level, state, row)
+    else:
+        add_margin(level, state, row)
+
+
+@njit(**options)
+def _last(frames: Any, y: int, plan: Any, g: int, job: Job, tools: Tools) -> None:
+    """Take row `y` of the finest group and write its maps."""
+    level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], job.limits.saturation, plan.variance[g])
+    i, state, row, limits, out = plan.place[g], tools.state, tools.row, job.limits, job.out
+    maps = Maps(out.phase_rad[y], out.modulation[y], out.rejected[y])
+    if plan.form[g] == 3:
+        last_level(_three(frames, i, y), level, state, limits, row, maps)
+    elif plan.form[g] == 4:
+        last_level(_four(frames, i, y), level, state, limits, row, maps)
+    elif plan.form[g] == 6:
+        last_level(_six(frames, i, y), level, state, limits, row, maps)
+    else:
+        last_level(_summed(frames, y, plan, g, job, tools.sums), level, state, limits, row, maps)
+    _margin(g, level, state, row)
+
+
+@njit(**options)
+def _wrapped(frames: Any, y: int, plan: Any, job: Job, tools: Tools) -> None:
+    """Write the maps of row `y` of the only group."""
+    i, row, limits, out = plan.place[0], tools.row, job.limits, job.out
+    maps = Maps(out.phase_rad[y], out.modulation[y], out.rejected[y])
+    if plan.form[0] == 3:
+        wrapped_row(_three(frames, i, y), limits, row, maps)
+    elif plan.form[0] == 4:
+        wrapped_row(_four(frames, i, y), limits, row, maps)
+    elif plan.form[0] == 6:
+        wrapped_row(_six(frames, i, y), limits, row, maps)
+    else:
+        wrapped_row(_summed(frames, y, plan, 0, job, tools.sums), limits, row, maps)
+
+
+@njit(**options)
+def _further(y: int, limits: Limits, tools: Tools, out: Any) -> None:
+    """Write what else is wanted of row `y`."""
+    row = tools.row
+    if out.wrapped_rad.shape[0] > 0:
+        wrap_row(row.turns, out.wrapped_rad[y])
+    if out.background.shape[0] > 0:
+        copy_row(row.background, out.background[y])
+    if out.sigma_rad.shape[0] > 0:
+        sigma_row(limits, row.background, out.modulation[y], out.phase_rad[y], out.sigma_rad[y])
+    if out.residual.shape[0] > 0:
+        residual_row(limits, row.squares, out.residual[y])
+    if out.confidence.shape[0] > 0:
+        confidence_row(limits, tools.state.margin, row.background, out.confidence[y])
+
+
+@njit(**options)
+def decode_rows(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
+    """Decode rows `start` to `stop` of `frames` (n, height, width) into the maps of `job`.
+
+    Groups before the part's first one are in the job's state already, which then has all rows.
+    """
+    part, width = job.part, frames.shape[2]
+    row = _new_row(width)
+    scratch = new_state(1, width, job.out.confidence.shape[0] > 0)
+    sums = new_sums(frames[0, :1], plan.normal[0])
     for y in range(start, stop):
-        work[_TOP] = _ZERO
-        work[_SS] = _ZERO
-        for g in range(plan.chunks.size):
-            work[_A : _R + 1] = _ZERO
-            for q in range(plan.chunks[g]):
-                i = plan.place[g, 4 * q : 4 * q + 4]
-                _fit(frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y], plan.fit[g, q], work)
-            _add_square(work[_R], work[_SS])
-            for j in range(plan.extras[g]):
-                for q in range(plan.chunks[g]):
-                    i = plan.place[g, 4 * q : 4 * q + 4]
-                    k = plan.extra[g, j, 4 * q : 4 * q + 4]
-                    _component(frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y], k, work[_R])
-                _add_square(work[_R], work[_SS])
-            if g == 0:
-                _first_level(work, plan.initial_turns[0], limits.first_turns)
+        tools = Tools(state_at(job.state, y) if part.kept else state_at(scratch, 0), sums, row)
+        if not part.absolute:
+            _wrapped(frames, y, plan, job, tools)
+            _further(y, job.limits, tools, job.out)
+            continue
+        if part.first == 0:
+            begin_row(tools.state, plan.centre_turns)
+        for g in range(part.first, part.last):
+            if part.finishes and g == part.last - 1:
+                _last(frames, y, plan, g, job, tools)
             else:
-                _next_level(work, plan.initial_turns[g], plan.ratio[g])
-        _flags(work, limits, flags)
-        _values(work, limits, flags, out.phase_rad[y], out.sigma_rad[y])
-        if out.wrapped_rad.shape[0] > 0:
-            out.wrapped_rad[y] = work[_WRAPPED]
-        _pictures(work, flags, out.modulation[y], out.background[y], out.rejected[y])
+                _add(frames, y, plan, g, job, tools)
+        if part.finishes:
+            _further(y, job.limits, tools, job.out)

@@ -13,7 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from fringed_plugins.phase.profiles import STYLES, profile
+
+_SAME_RAD = 1e-9
 LANES = 4  # frames that the kernel takes at a time
+FORMS = (3, 4, 6)  # numbers of equal shifts that have a closed form
 Float32Array = npt.NDArray[np.float32]
 
 
@@ -21,26 +25,30 @@ Float32Array = npt.NDArray[np.float32]
 class Group:
     """Frames of one frequency: their places in the stack, their shifts and their period.
 
-    `frames[i]` has shift `shifts_rad[i]`; the phase of column u is `2 pi u / period_px + initial_rad`.
+    `frames[i]` has shift `shifts_rad[i]`; the phase of column u is `2 pi u / period_px + initial_rad`. Of other
+    styles than sinusoids this is the fundamental.
     """
 
     frames: tuple[int, ...]
     shifts_rad: tuple[float, ...]
     period_px: float
     initial_rad: float = 0.0
+    style: str = "sinusoidal"
 
 
 class Plan(NamedTuple):
-    """What the kernel needs of the groups, coarse to fine; the second axis is a quarter of the frames."""
+    """What the kernel needs of the groups, coarse to fine."""
 
-    place: npt.NDArray[np.int64]  # (groups, frames padded to LANES)
+    form: npt.NDArray[np.int64]  # (groups,) number of frames where the closed form holds, otherwise 0
+    place: npt.NDArray[np.int64]  # (groups, frames padded to LANES); in the closed form's order where there is one
     chunks: npt.NDArray[np.int64]  # (groups,)
-    fit: Float32Array  # (groups, chunks, 4, LANES): A, C, S and the first residual component
-    extra: Float32Array  # (groups, components, frames padded): further residual components
-    extras: npt.NDArray[np.int64]  # (groups,)
-    initial_turns: Float32Array  # (groups,)
+    weights: Float32Array  # (groups, chunks, 3, LANES): background, cosine, sine of frames less the first
+    normal: Float32Array  # (groups, 6): what of the squares the fit explains, see `closed_forms.Sums`
+    initial_turns: Float32Array  # (groups,) to subtract from what the form gives
     ratio: Float32Array  # (groups,) period of the group before over this one's
-    periods_px: Float32Array  # (groups,)
+    counts: Float32Array  # (groups,) 0 for the first, otherwise 1
+    variance: Float32Array  # (groups,) of the turns, times squared modulation, for a frame's variance of 1
+    centre_turns: np.float32  # middle of the turn in which the coarsest phase lies
 
 
 def transform(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
@@ -59,11 +67,10 @@ def transform(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
     >>> np.round(transform([0.0, np.pi / 2, np.pi, 3 * np.pi / 2])[1], 3) + 0
     array([ 0.5,  0. , -0.5,  0. ])
     """
-    shifts = np.asarray(shifts_rad, np.float64)
-    model = np.stack([np.ones_like(shifts), np.cos(shifts), -np.sin(shifts)], axis=1)
+    model = _model(shifts_rad)
     left, singular, _ = np.linalg.svd(model)
-    if len(shifts) < 3 or singular[-1] < 1e-3 * singular[0]:
-        text = ", ".join(f"{shift:.4f}" for shift in shifts)
+    if len(model) < 3 or singular[-1] < 1e-3 * singular[0]:
+        text = ", ".join(f"{shift:.4f}" for shift in shifts_rad)
         raise ValueError(
             f"shifts of ({text}) rad do not determine a phase; at least three different ones are needed, "
             "such as 0, 2 pi/3 and 4 pi/3"
@@ -80,34 +87,99 @@ def phase_variance_factor(shifts_rad: Sequence[float]) -> float:
     return float((rows[1] @ rows[1] + rows[2] @ rows[2]) / 2)
 
 
-def plan(groups: Sequence[Group]) -> Plan:
-    """Lay the groups' matrices out for the kernel; `groups` run from coarse to fine."""
-    chunks = [-(-len(group.frames) // LANES) for group in groups]
-    padded, most = max(chunks) * LANES, max(max(len(g.frames) for g in groups) - 4, 1)
-    index = np.zeros((len(groups), padded), np.int64)
-    fit = np.zeros((len(groups), max(chunks), 4, LANES), np.float32)
-    extra = np.zeros((len(groups), most, padded), np.float32)
-    for g, group in enumerate(groups):
-        count = len(group.frames)
-        index[g, :count] = group.frames
-        index[g, count:] = group.frames[-1]
-        rows = np.zeros((max(count, 4), padded))
-        rows[:count, :count] = transform(group.shifts_rad)
-        fit[g] = rows[:4].reshape(4, max(chunks), LANES).transpose(1, 0, 2)
-        extra[g, : max(count - 4, 0)] = rows[4:count]
-    periods = np.array([group.period_px for group in groups], np.float64)
-    ratio = np.concatenate([[1.0], periods[:-1] / periods[1:]])
-    initial = np.array([group.initial_rad for group in groups]) / (2 * np.pi)
+def closed_form(shifts_rad: Sequence[float]) -> tuple[tuple[int, ...], float] | None:
+    """Return the order of the frames, and what to subtract from the phase, that make `shifts_rad` 2 pi k / n.
+
+    None where the shifts are not equal steps around the circle, or their number has no closed form.
+
+    Examples
+    --------
+    >>> closed_form([np.pi, 0.0, np.pi / 2, -np.pi / 2])
+    ((1, 2, 0, 3), 0.0)
+    """
+    count = len(shifts_rad)
+    if count not in FORMS:
+        return None
+    shifts, step = np.asarray(shifts_rad, np.float64), 2 * np.pi / count
+    offset = float(np.angle(np.exp(1j * count * shifts).mean())) / count
+    steps = np.rint((shifts - offset) / step)
+    places = np.mod(steps, count).astype(int)
+    if sorted(places) != list(range(count)) or np.abs(shifts - offset - steps * step).max() > _SAME_RAD:
+        return None
+    return tuple(int(i) for i in np.argsort(places)), (offset if abs(offset) > _SAME_RAD else 0.0)
+
+
+def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool = True) -> Plan:
+    """Lay the groups' matrices out for the kernel; `groups` run from coarse to fine.
+
+    A wrapped phase takes a closed form only where nothing has to be subtracted from it.
+    """
+    counts = [len(group.frames) for group in groups]
+    chunks = [-(-count // LANES) for count in counts]
+    place = np.zeros((len(groups), max(max(chunks) * LANES, *FORMS)), np.int64)
+    weights = np.zeros((len(groups), max(chunks), 3, LANES), np.float32)
+    initial = np.array([group.initial_rad for group in groups])
+    form = np.zeros(len(groups), np.int64)
+    for g, (group, count) in enumerate(zip(groups, counts, strict=True)):
+        place[g], weights[g, : chunks[g]] = group.frames[0], chunk_weights(group.shifts_rad)
+        place[g, :count] = group.frames
+        closed = closed_form(group.shifts_rad)
+        if closed is not None and (absolute or closed[1] == 0):
+            form[g], place[g, :count] = count, np.array(group.frames)[list(closed[0])]
+            initial[g] += closed[1]
+    periods = np.array([group.period_px for group in groups])
+    variance = np.array([phase_variance_factor(group.shifts_rad) for group in groups]) / (2 * np.pi) ** 2
     return Plan(
-        place=index,
+        form=form,
+        place=place,
         chunks=np.array(chunks, np.int64),
-        fit=fit,
-        extra=extra,
-        extras=np.array([max(len(g.frames) - 4, 0) for g in groups], np.int64),
-        initial_turns=initial.astype(np.float32),
-        ratio=ratio.astype(np.float32),
-        periods_px=periods.astype(np.float32),
+        weights=weights,
+        normal=np.array([_normal(group.shifts_rad) for group in groups], np.float32),
+        initial_turns=(initial / (2 * np.pi)).astype(np.float32),
+        ratio=np.concatenate([[1.0], periods[:-1] / periods[1:]]).astype(np.float32),
+        counts=np.minimum(np.arange(len(groups)), 1).astype(np.float32),
+        variance=variance.astype(np.float32),
+        centre_turns=np.float32(centre_turns),
     )
+
+
+def chunk_weights(shifts_rad: Sequence[float]) -> Float32Array:
+    """Return (chunks, 3, LANES): the fit's first three rows, LANES frames at a time, 0 where there is no frame."""
+    count = len(shifts_rad)
+    chunks = -(-count // LANES)
+    rows = np.zeros((3, chunks * LANES), np.float32)
+    rows[:, :count] = transform(shifts_rad)[:3]
+    return rows.reshape(3, chunks, LANES).transpose(1, 0, 2)
+
+
+def _model(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
+    shifts = np.asarray(shifts_rad, np.float64)
+    return np.stack([np.ones_like(shifts), np.cos(shifts), -np.sin(shifts)], axis=1)
+
+
+def _normal(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
+    square = _model(shifts_rad).T @ _model(shifts_rad)
+    return np.array([square[0, 0], square[1, 1], square[2, 2], square[0, 1], square[0, 2], square[1, 2]])
+
+
+def style_residual(group: Group) -> float:
+    """Return the largest sum of squared residuals of a group of this style, over its squared modulation.
+
+    A style's harmonics that N steps tell from the fundamental are residual, 0 for sinusoids. It is that of the
+    ideal shape, the most there can be: blur takes harmonics away first.
+
+    Examples
+    --------
+    >>> four = tuple(np.arange(4) * np.pi / 2)
+    >>> round(style_residual(Group((0, 1, 2, 3), four, 16.0, style="sawtooth")), 2)
+    0.62
+    """
+    if group.style == "sinusoidal":
+        return 0.0
+    phase = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    shifts = np.asarray(group.shifts_rad)[:, None]
+    fitted = transform(group.shifts_rad) @ np.asarray(profile(group.style, phase + shifts, group.period_px))
+    return float(((fitted[3:] ** 2).sum(axis=0) / (fitted[1] ** 2 + fitted[2] ** 2)).max())
 
 
 def degrees_of_freedom(groups: Sequence[Group]) -> int:
@@ -116,23 +188,23 @@ def degrees_of_freedom(groups: Sequence[Group]) -> int:
 
 
 def groups_of(frames: Sequence[Any], groups: dict[int, tuple[int, ...]]) -> list[Group]:
-    """Return the sinusoidal groups of a sequence's frame descriptions, coarse to fine.
+    """Return the groups of fringes of a sequence's frame descriptions, coarse to fine.
 
     `frames[i]` has `shift_rad`, `period_px`, `initial_phase_rad` and `style`.
 
     Raises
     ------
     ValueError
-        a group whose frames are no sinusoids, or differ in more than their shift.
+        a group whose frames are no fringes with a period, or differ in more than their shift.
     """
     found = []
     for number, indices in groups.items():
         members = [frames[i] for i in indices]
         first = members[0]
-        if any(m.style != "sinusoidal" or not m.period_px > 0 for m in members):
+        if any(m.style not in STYLES or not m.period_px > 0 for m in members):
             raise ValueError(
                 f"group {number} holds patterns of style {first.style!r} and period {first.period_px}; "
-                "this decoder reads sinusoids with a period"
+                f"this decoder reads fringes with a period, of the styles {', '.join(STYLES)}"
             )
         same = {(m.period_px, m.initial_phase_rad, m.orientation, m.channel) for m in members}
         if len(same) > 1:
@@ -142,5 +214,6 @@ def groups_of(frames: Sequence[Any], groups: dict[int, tuple[int, ...]]) -> list
             )
         shifts = tuple(float(m.shift_rad) for m in members)
         transform(shifts)
-        found.append(Group(tuple(indices), shifts, float(first.period_px), float(first.initial_phase_rad)))
+        fringes = (float(first.period_px), float(first.initial_phase_rad), first.style)
+        found.append(Group(tuple(indices), shifts, *fringes))
     return sorted(found, key=lambda group: -group.period_px)

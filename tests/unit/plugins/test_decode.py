@@ -242,11 +242,11 @@ def test_coarsest_frequency_of_several_periods_is_refused():
         absolute(seen(sequence, columns(64, 8, 0, 1000)))
 
 
-def test_frames_that_are_no_sinusoids_are_refused():
+def test_frames_that_are_no_fringes_are_refused():
     frame_set = base()
-    other = tuple(replace(frame, style="binary") for frame in frame_set.sequence.frames)
+    other = tuple(replace(frame, style="gray") for frame in frame_set.sequence.frames)
     strange = replace(frame_set, sequence=replace(frame_set.sequence, frames=other))
-    with pytest.raises(DataError, match="style 'binary'"):
+    with pytest.raises(DataError, match="style 'gray'"):
         absolute(strange)
 
 

@@ -1,0 +1,155 @@
+"""Last loops of decoding: what a row's levels found becomes phase, mask and the maps that were asked for.
+
+Owns the reasons for which a pixel is dropped by itself; those that need its neighbours are in `cleaning`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fringed_plugins.phase.arctangent import fast_atan2
+from fringed_plugins.phase.closed_forms import fit_at
+from fringed_plugins.phase.level_kernel import PER_TURN, ROUND, Level, Row, State, options
+
+_HALF = np.float32(0.5)
+_ZERO = np.float32(0.0)
+_TWO_PI = np.float32(2 * np.pi)
+_NAN = np.float32(np.nan)
+_TINY = np.float32(1e-12)
+_NONE = np.int32(0)
+# The contract's reasons, as `fringed.data.Reject` has them.
+_SATURATED, _LOW_MODULATION, _FRINGE_ORDER = np.int32(1), np.int32(2), np.int32(4)
+_RESIDUAL, _OUT_OF_RANGE, _DISCONTINUITY, _OTHER = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
+
+
+class Limits(NamedTuple):
+    """Numbers of the last step, all float32: noise model, thresholds and the projector's range."""
+
+    noise_constant: np.float32  # variance of one frame: constant + slope * background, in DN^2
+    noise_slope: np.float32
+    phase_factor: np.float32  # sigma_phase^2 = factor * variance / modulation^2
+    saturation: np.float32
+    modulation2: np.float32  # smallest squared modulation in DN^2
+    modulation_snr2: np.float32  # smallest squared modulation over the noise's variance
+    residual_sigma2: np.float32  # largest sum of squared residuals, in variances of one frame
+    residual_part2: np.float32  # ... plus this part of the squared modulation
+    per_residual: np.float32  # one over the number of residual components
+    misfit_turns: np.float32  # largest difference between a coarse prediction and a fine phase
+    drop2: np.float32  # smallest squared ratio of the finest to the coarsest modulation
+    wrap_turns: np.float32  # number of the finest periods, or 0 where the range is not circular
+    cut_turns: np.float32  # where the finest phase is cut
+    low_turns: np.float32  # range of the finest phase that is on the projector
+    high_turns: np.float32
+    initial_rad: np.float32  # added to the finest phase
+
+
+@njit(**options)
+def _variance(light: Any, limits: Limits) -> Any:
+    """Return the variance of a frame whose mean grey level is `light`."""
+    return limits.noise_constant + limits.noise_slope * (light if light > _ZERO else _ZERO)
+
+
+class Maps(NamedTuple):
+    """Rows that are always written."""
+
+    phase: Any
+    modulation: Any
+    rejected: Any
+
+
+@njit(**options)
+def wrapped_row(rows: Any, limits: Limits, row: Row, maps: Maps) -> None:
+    """Write wrapped phase, modulation and mask of a row of one group; leave the unmasked phase in `row.turns`."""
+    phase, modulation, rejected = maps
+    for x in range(phase.size):
+        light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
+        angle = fast_atan2(sine, cosine)
+        modulation2 = cosine * cosine + sine * sine
+        variance = _variance(light, limits)
+        least = limits.modulation_snr2 * variance
+        least = least if least > limits.modulation2 else limits.modulation2
+        most = limits.residual_sigma2 * variance + limits.residual_part2 * modulation2
+        flag = _SATURATED if brightest >= limits.saturation else _NONE
+        flag = np.int32(flag | (_LOW_MODULATION if modulation2 < least else _NONE))
+        flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
+        flag = np.int32(flag | (_OTHER if np.isnan(angle) else _NONE))
+        row.turns[x] = angle * PER_TURN
+        row.background[x] = light
+        row.squares[x] = square
+        modulation[x] = np.sqrt(modulation2)
+        phase[x] = angle if flag == _NONE else _NAN
+        rejected[x] = np.uint16(flag)
+
+
+@njit(**options)
+def last_level(rows: Any, level: Level, state: State, limits: Limits, row: Row, maps: Maps) -> None:
+    """Take the finest level and write absolute phase, modulation and mask; the state stays as it was."""
+    phase, modulation, rejected = maps
+    wrap = limits.wrap_turns
+    per_wrap = np.float32(1) / wrap if wrap > _ZERO else _ZERO
+    for x in range(phase.size):
+        light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
+        part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
+        predicted = level.ratio * state.turns[x]
+        t = part + ((predicted - part + ROUND) - ROUND)
+        off = abs(predicted - t) * level.counts
+        modulation2 = cosine * cosine + sine * sine
+        squares = state.squares[x] + square
+        variance = _variance(light, limits)
+        least = limits.modulation_snr2 * variance
+        least = least if least > limits.modulation2 else limits.modulation2
+        weakest = modulation2 if modulation2 < state.weakest[x] else state.weakest[x]
+        most = limits.residual_sigma2 * variance + limits.residual_part2 * modulation2
+        misfit = off if off > state.misfit[x] else state.misfit[x]
+        t -= wrap * ((((t - limits.cut_turns) * per_wrap - _HALF) + ROUND) - ROUND)
+        flag = _SATURATED if brightest >= level.saturation else _NONE
+        flag = np.int32(flag | (_SATURATED if state.saturated[x] > _ZERO else _NONE))
+        flag = np.int32(flag | (_LOW_MODULATION if weakest < least else _NONE))
+        flag = np.int32(flag | (_FRINGE_ORDER if misfit > limits.misfit_turns else _NONE))
+        flag = np.int32(flag | (_RESIDUAL if squares > most else _NONE))
+        flag = np.int32(flag | (_OUT_OF_RANGE if t < limits.low_turns else _NONE))
+        flag = np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))
+        flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * state.coarsest[x] else _NONE))
+        flag = np.int32(flag | (_OTHER if np.isnan(t) else _NONE))
+        row.turns[x] = t + limits.initial_rad * PER_TURN
+        row.off[x] = off
+        row.square[x] = modulation2
+        row.background[x] = light
+        row.squares[x] = squares
+        modulation[x] = np.sqrt(modulation2)
+        phase[x] = t * _TWO_PI + limits.initial_rad if flag == _NONE else _NAN
+        rejected[x] = np.uint16(flag)
+
+
+@njit(**options)
+def sigma_row(limits: Limits, background: Any, modulation: Any, phase: Any, sigma: Any) -> None:
+    """Write the standard deviation of the phase; NaN where there is no phase."""
+    for x in range(sigma.size):
+        square = modulation[x] * modulation[x] + _TINY
+        deviation = np.sqrt(limits.phase_factor * _variance(background[x], limits) / square)
+        sigma[x] = _NAN if np.isnan(phase[x]) else deviation
+
+
+@njit(**options)
+def residual_row(limits: Limits, squares: Any, residual: Any) -> None:
+    """Write the root mean square of the fit's residual components, in grey levels."""
+    for x in range(residual.size):
+        residual[x] = np.sqrt(squares[x] * limits.per_residual)
+
+
+@njit(**options)
+def confidence_row(limits: Limits, margin: Any, background: Any, confidence: Any) -> None:
+    """Write by how many standard deviations of noise the least certain order is not the next one."""
+    for x in range(confidence.size):
+        confidence[x] = np.sqrt(margin[x] / (_variance(background[x], limits) + _TINY))
+
+
+@njit(**options)
+def wrap_row(turns: Any, wrapped: Any) -> None:
+    """Write turns as an angle, -pi to pi."""
+    for x in range(wrapped.size):
+        t = turns[x]
+        wrapped[x] = (t - ((t + ROUND) - ROUND)) * _TWO_PI

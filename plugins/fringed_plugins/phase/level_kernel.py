@@ -1,0 +1,136 @@
+"""Inner loops of decoding: one group of frames to its phase, with the integer that the coarser groups predict.
+
+Owns what a pixel carries from level to level; `decode_kernel` owns the order of the levels. Every loop runs over a
+row in float32 without branches, so that the compiler vectorises it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fringed_plugins.phase.arctangent import fast_atan2
+from fringed_plugins.phase.closed_forms import fit_at
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_HALF = np.float32(0.5)
+_TINY = np.float32(1e-12)
+_INFINITE = np.float32(np.inf)
+PER_TURN = np.float32(0.5 / np.pi)
+ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
+options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+class State(NamedTuple):
+    """What a pixel carries from level to level: planes of float32, as many rows as are in work at a time.
+
+    They are arrays of their own: of the rows of one array the compiler cannot prove that they do not overlap, and
+    the loop that it falls back to takes ten times as long. `margin` and `inverse` are (0, 0) unless a confidence is
+    asked for.
+    """
+
+    turns: Any  # phase of the last level in periods, counted from the projector's first column
+    misfit: Any  # largest difference between a level and what the one before predicted, in turns
+    squares: Any  # sum of the squared residuals of all levels
+    weakest: Any  # smallest squared modulation of all levels
+    coarsest: Any  # squared modulation of the first level
+    saturated: Any  # 1 where a frame was saturated, otherwise 0
+    margin: Any  # smallest (room for error)^2 of the levels' orders, over its variance for a frame's variance of 1
+    inverse: Any  # variance of the last level's turns, for a frame's variance of 1
+
+
+class Row(NamedTuple):
+    """What one loop leaves for the next one over the same row: float32, scratch."""
+
+    off: Any  # difference between this level and what the one before predicted, in turns
+    square: Any  # squared modulation
+    background: Any
+    squares: Any  # sum of the squared residuals
+    turns: Any  # the finest phase
+
+
+class Level(NamedTuple):
+    """Numbers of one group, float32."""
+
+    initial_turns: np.float32
+    ratio: np.float32  # period of the group before over this one's; 1 for the first
+    counts: np.float32  # 1 where the prediction is one, 0 for the first group
+    saturation: np.float32
+    variance: np.float32  # of this group's turns, times squared modulation, for a frame's variance of 1
+
+
+@njit(**options)
+def copy_row(source: Any, target: Any) -> None:
+    """Copy a row; numba's own assignment of arrays first asks whether they overlap, at ten times the cost."""
+    for x in range(target.size):
+        target[x] = source[x]
+
+
+@njit(**options)
+def state_at(state: State, y: int) -> State:
+    """Return row `y` of a state; of a margin that is not wanted, an empty row."""
+    margin, inverse = state.margin[y : y + 1].ravel(), state.inverse[y : y + 1].ravel()
+    return State(
+        state.turns[y], state.misfit[y], state.squares[y], state.weakest[y], state.coarsest[y], state.saturated[y],
+        margin, inverse,
+    )  # fmt: skip
+
+
+@njit(**options)
+def begin_row(state: State, centre_turns: np.float32) -> None:
+    """Set a row's state before the first level, whose phase lies within half a turn of `centre_turns`."""
+    turns, misfit, squares = state.turns, state.misfit, state.squares
+    weakest, saturated = state.weakest, state.saturated
+    for x in range(turns.size):
+        turns[x] = centre_turns
+        misfit[x] = _ZERO
+        squares[x] = _ZERO
+        weakest[x] = _INFINITE
+        saturated[x] = _ZERO
+
+
+@njit(**options)
+def add_level(rows: Any, level: Level, state: State, row: Row) -> None:
+    """Carry the phase of a row from the level before to the one whose frames are `rows`."""
+    turns, misfit, squares = state.turns, state.misfit, state.squares
+    weakest, saturated = state.weakest, state.saturated
+    for x in range(turns.size):
+        _, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
+        part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
+        predicted = level.ratio * turns[x]
+        fine = part + ((predicted - part + ROUND) - ROUND)
+        off = abs(predicted - fine) * level.counts
+        modulation2 = cosine * cosine + sine * sine
+        turns[x] = fine
+        row.off[x] = off
+        row.square[x] = modulation2
+        misfit[x] = off if off > misfit[x] else misfit[x]
+        squares[x] += square
+        weakest[x] = modulation2 if modulation2 < weakest[x] else weakest[x]
+        saturated[x] = _ONE if brightest >= level.saturation else saturated[x]
+
+
+@njit(**options)
+def begin_margin(level: Level, state: State, row: Row) -> None:
+    """Start a row's margin with the first level's variance."""
+    margin, inverse = state.margin, state.inverse
+    for x in range(margin.size):
+        margin[x] = _INFINITE
+        inverse[x] = level.variance / (row.square[x] + _TINY)
+
+
+@njit(**options)
+def add_margin(level: Level, state: State, row: Row) -> None:
+    """Take this level's room for error into a row's margin."""
+    margin, inverse = state.margin, state.inverse
+    gain = level.ratio * level.ratio
+    for x in range(margin.size):
+        mine = level.variance / (row.square[x] + _TINY)
+        room = _HALF - row.off[x]
+        room = room if room > _ZERO else _ZERO
+        here = room * room / (gain * inverse[x] + mine)
+        margin[x] = here if here < margin[x] else margin[x]
+        inverse[x] = mine
