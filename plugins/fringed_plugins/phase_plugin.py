@@ -10,13 +10,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
+from fringed_plugins.decoders.colour import MeasureCrosstalk
+from fringed_plugins.decoders.correction import CorrectPhase, HarmonicCorrection, PhaseErrorTableMaker
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.fusion import FuseExposures
+from fringed_plugins.decoders.one_shot import OneShotFrequenciesDecoder, OneShotPhaseShiftDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
+from fringed_plugins.decoders.tone import ToneResponse, ToneVerify
 from fringed_plugins.decoders.unknown_shifts import UnknownShiftsDecoder
 from fringed_plugins.decoders.unwrapping import UnwrapDifference
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
+from fringed_plugins.encoders.grey_ramp import GreyRampEncoder
 from fringed_plugins.encoders.one_shot import ColourBarsEncoder, OneShotFrequenciesEncoder, OneShotPhaseShiftEncoder
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 
@@ -31,6 +36,7 @@ def register_patterns() -> Sequence[type[Any]]:
         ColourBarsEncoder,
         OneShotFrequenciesEncoder,
         OneShotPhaseShiftEncoder,
+        GreyRampEncoder,
     )
 
 
@@ -45,4 +51,12 @@ def register_processors() -> Sequence[type[Any]]:
         FuseExposures,
         WindowedFourier,
         UnknownShiftsDecoder,
+        MeasureCrosstalk,
+        OneShotFrequenciesDecoder,
+        OneShotPhaseShiftDecoder,
+        ToneResponse,
+        ToneVerify,
+        PhaseErrorTableMaker,
+        CorrectPhase,
+        HarmonicCorrection,
     )

@@ -27,9 +27,9 @@ _MOST_STARTS = 48
 def quiet_levels(light: Float64Array, curve: Float64Array, period_px: float, steps: int = 0) -> UInt8Array:
     """Return the indices (n,) of the levels of `curve` (k,), rising, that follow `light` (n,) with a quiet error.
 
-    `light` repeats every `period_px` pixels and is one of `steps` equal steps, 0: of others. Where these move the fringe
-    by whole pixels, all frames have the same error, and only harmonics m `steps` +- 1 reach the phase; else low orders
-    count.
+    `light` repeats every `period_px` pixels and is one of `steps` equal steps, 0: of others. Where these move the
+    fringe by whole pixels, all frames have the same error, and only harmonics m `steps` +- 1 reach the phase; else low
+    orders count.
     Greedy: one level, then two together, is moved by one as long as the weighted error falls. Periods that are no whole
     number of pixels, or do not fill `light`, get the nearest level, as do those above 128 px.
 
