@@ -18,7 +18,7 @@ from fringed_plugins.decoders.one_shot import OneShotFrequenciesDecoder, OneShot
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.decoders.tone import ToneResponse, ToneVerify
 from fringed_plugins.decoders.unknown_shifts import UnknownShiftsDecoder
-from fringed_plugins.decoders.unwrapping import UnwrapDifference
+from fringed_plugins.decoders.unwrapping import Unwrap, UnwrapDifference
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
 from fringed_plugins.encoders.grey_ramp import GreyRampEncoder
@@ -47,6 +47,7 @@ def register_processors() -> Sequence[type[Any]]:
         PhaseShiftDecoder,
         MultiFrequencyDecoder,
         UnwrapDifference,
+        Unwrap,
         FourierDecoder,
         FuseExposures,
         WindowedFourier,

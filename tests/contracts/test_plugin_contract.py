@@ -62,6 +62,7 @@ def inputs(frame_set, calibration):
         "phase-shift": {"frames": frame_set("phase-shift")},
         "multi-frequency": {"frames": frame_set("multi-frequency")},
         "unwrap-difference": pair,
+        "unwrap": {"phase": wrapped[0]},
         "fuse-exposures": {"maps": (absolute, absolute)},
         "triangulate": {"phase": absolute, "calibration": calibration},
         "reference-plane": {"phase": product("unwrap-difference", pair), "calibration": calibration},
@@ -75,7 +76,7 @@ def test_all_built_in_plug_ins_load():
 
 
 @pytest.mark.parametrize(
-    "name", ["phase-shift", "multi-frequency", "unwrap-difference", "fuse-exposures", "triangulate", "reference-plane"]
+    "name", ["phase-shift", "multi-frequency", "unwrap-difference", "unwrap", "fuse-exposures", "triangulate", "reference-plane"]
 )
 def test_fringe_processors_keep_the_contract(plugin_contract, inputs, name):
     plugin_contract.processor(CATALOGUE.get("processor", name), inputs[name])

@@ -118,7 +118,7 @@ def settle_rows(start: int, stop: int, cost: Any, forest: Any, groups: Any, bord
 
 @njit(**_options)
 def number_basins(width: int, parent: Any, groups: Any, border: Any) -> int:
-    """Number the roots from 0, kept in `parent` as the complement, follow the marked rows to them, and count them."""
+    """Give the roots numbers from 0, kept in `parent` as complements; follow the marked rows to them; count them."""
     first, turns = groups
     count = np.int32(0)
     for pixel in range(first.size):

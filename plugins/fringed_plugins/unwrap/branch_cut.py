@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.unwrap import cuts
-from fringed_plugins.unwrap.checking import check_range, wrapped_phase
+from fringed_plugins.unwrap.checking import check_range, sealed, wrapped_phase
 from fringed_plugins.unwrap.finishing import finish
 
 
@@ -59,7 +59,7 @@ def unwrap_branch_cut(
     (True, 0)
     """
     original = wrapped_phase(wrapped_rad)
-    phase = np.where(np.isfinite(original), original, np.nan).astype(np.float32)
+    phase = sealed(np.where(np.isfinite(original), original, np.nan).astype(np.float32))
     check_range(float(np.nanmax(np.abs(phase), initial=0.0)))
     height, width = phase.shape
     charge = np.zeros((height - 1, width - 1), np.int8)
@@ -74,4 +74,5 @@ def unwrap_branch_cut(
         cuts.part(first, np.bincount(first.ravel() + 1, minlength=count + 1)[1:], apart)
         first[apart != 0] = -1
     alone = (count, np.arange(count, dtype=np.int32), np.zeros(count, np.int32))
-    return BranchCut(*finish(original, (first, turns), alone, min_region_px, threads), residues, charged)
+    done = finish(original, (first, turns), alone, min_region_px, threads)
+    return BranchCut(done.phase_rad, done.regions, done.sizes, residues, charged)

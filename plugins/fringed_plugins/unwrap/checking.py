@@ -14,8 +14,15 @@ _LARGEST_RAD = 3.1425  # pi, and the rounding of whoever wrapped the phase
 _SAMPLE_PX = 1 << 14
 
 
+def sealed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a read-only view: kernels are compiled once, whether or not the caller's array may be written."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def wrapped_phase(wrapped_rad: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a phase (height, width), C-ordered; float64 stays, anything else becomes float32.
+    """Return a phase (height, width), C-ordered and read-only; float64 stays, anything else becomes float32.
 
     Raises
     ------
@@ -25,7 +32,7 @@ def wrapped_phase(wrapped_rad: npt.NDArray[Any]) -> npt.NDArray[Any]:
     phase = np.asarray(wrapped_rad)
     if phase.ndim != 2 or phase.size == 0:
         raise ValueError(f"a phase of shape {phase.shape}; expected (height, width), neither of them 0")
-    return np.ascontiguousarray(phase, np.float64 if phase.dtype == np.float64 else np.float32)
+    return sealed(np.ascontiguousarray(phase, np.float64 if phase.dtype == np.float64 else np.float32))
 
 
 def check_range(largest_rad: float) -> None:
@@ -53,7 +60,7 @@ def weights(quality: npt.NDArray[Any] | None, shape: tuple[int, ...]) -> tuple[n
     ValueError
         quality and phase differ in shape.
     """
-    none = np.empty((0, shape[1]), np.float32)
+    none = sealed(np.empty((0, shape[1]), np.float32))
     if quality is None:
         return none, np.float32(1)
     if quality.shape != shape:
@@ -63,5 +70,5 @@ def weights(quality: npt.NDArray[Any] | None, shape: tuple[int, ...]) -> tuple[n
     for sample in (flat.ravel()[::step], flat.ravel()):
         good = sample[np.isfinite(sample) & (sample > 0)]
         if good.size:
-            return flat, np.float32(np.median(good))
+            return sealed(flat), np.float32(np.median(good))
     return none, np.float32(1)

@@ -29,8 +29,8 @@ def _jump(p: Any, q: Any) -> Any:
 
 @njit(**_options)
 def _settle_all(parent: Any, over: Any) -> int:
-    """Number the trees of `parent` from 0, each node by its tree, with its turns over the root; return how many."""
-    count, numbers = 0, np.full(parent.size, -1, np.int32)
+    """Replace each node's parent by its tree's number, from 0, and its turns by those over the root; count them."""
+    count, numbers = np.int32(0), np.full(parent.size, -1, np.int32)
     for start in range(parent.size):
         root, total = np.int32(start), np.int32(0)
         while parent[root] != root:
@@ -44,10 +44,10 @@ def _settle_all(parent: Any, over: Any) -> int:
             node = after
         if numbers[root] < 0:
             numbers[root] = count
-            count += 1
+            count += np.int32(1)
     for start in range(parent.size):
         parent[start] = numbers[parent[start]]
-    return count
+    return int(count)
 
 
 @njit(**_options)
@@ -60,7 +60,7 @@ def _useful(here: Any, above: Any, below: Any, group: Any, other: Any, flags: An
     """
     c0, c1, c2 = here[:-2], here[1:], here[2:]
     u1, u2, d0, d1, d2 = above[1:], above[2:], below[:-2], below[1:], below[2:]
-    count, next_group = 0, group[1:]
+    count, next_group = np.int64(0), group[1:]
     for x in range(flags.size):
         own, right, down = group[x], next_group[x], other[x]
         needless = (c2[x] > d1[x]) & (c1[x] > d2[x]) | (c2[x] > u1[x]) & (c1[x] > u2[x])
@@ -68,8 +68,8 @@ def _useful(here: Any, above: Any, below: Any, group: Any, other: Any, flags: An
         needless = (d1[x] > c2[x]) & (c1[x] > d2[x]) | (d1[x] > c0[x]) & (c1[x] > d0[x])
         second = np.uint8(1) if (own >= 0) & (down >= 0) & (own != down) & (not needless) else np.uint8(0)
         flags[x] = first + np.uint8(2) * second
-        count += np.int64(first + second)
-    return count
+        count += np.int64(first) + np.int64(second)
+    return int(count)
 
 
 @njit(**_options)

@@ -98,7 +98,7 @@ def place_cuts(charge: Any, longest: int, blocked: Any) -> int:
     Around each residue that has no partner yet, boxes grow to `longest`; a free residue inside joins the
     cluster, which is finished when its charge is 0 or it reaches ground.
     """
-    height, width = charge.shape
+    width = charge.shape[1]
     taken = np.zeros(charge.shape, np.uint8)
     members, reached = np.empty(charge.size, np.int32), np.empty(charge.size, np.int32)
     count, left = np.zeros(1, np.int64), 0
@@ -135,7 +135,7 @@ def _open_pairs(p: int, width: int, blocked: Any) -> Any:
 
 @njit(**_options)
 def fill(phase: Any, width: int, blocked: Any, groups: Any) -> int:
-    """Number from 0 what is connected, in `first`, with its turns over where it began; return how many. All flat."""
+    """Write the number, from 0, of each connected group of pixels, and turns over its first; count them. All flat."""
     first, turns = groups
     queue = np.empty(phase.size, np.int32)
     count = np.int32(0)

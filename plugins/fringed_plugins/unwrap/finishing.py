@@ -81,9 +81,10 @@ def _middle_turns(first: Any, turns: Any, size: Any, low: Any, high: Any) -> Any
 
 
 @njit(**_options)
-def _write_rows(start: int, stop: int, phase: Any, groups: Any, rank: Any, middle: Any, out: Any) -> None:
-    """Write the phase of some rows, NaN outside the regions that are kept, and their numbers into `first`."""
+def _write_rows(start: int, stop: int, phase: Any, groups: Any, regions: Any, out: Any) -> None:
+    """Write the phase of some rows, NaN outside the regions that have a rank, and the rank into `first`."""
     first, turns = groups
+    rank, middle = regions
     for row in range(start, stop):
         for x in range(first.shape[1]):
             region = first[row, x]
@@ -123,5 +124,5 @@ def finish(
     rank = np.zeros(count, np.int32)
     rank[kept] = np.arange(1, kept.size + 1, dtype=np.int32)
     out = np.empty(phase_rad.shape, phase_rad.dtype)
-    run_rows(_write_rows, height, phase_rad, (first, turns), rank, middle, out, threads=threads)
+    run_rows(_write_rows, height, phase_rad, (first, turns), (rank, middle), out, threads=threads)
     return Unwrapped(out, first, tuple(int(n) for n in size[kept]))

@@ -42,7 +42,7 @@ def bound_rows(start: int, stop: int, phase: Any, cost: Any, bound: Any, residue
         for x in range(width - 1):
             charge = turns_between(a[x] - b[x]) + turns_between(b[x] - d[x])
             charge += turns_between(d[x] - c[x]) + turns_between(c[x] - a[x])
-            dearest = max(max(e[x] + f[x], g[x] + h[x]), max(e[x] + g[x], f[x] + h[x]))
+            dearest = max(e[x] + f[x], g[x] + h[x], e[x] + g[x], f[x] + h[x])
             charged = abs(charge) > np.float32(0.5)
             found += 1 if charged else 0
             dearest = dearest if charged else _INFINITE
@@ -88,14 +88,14 @@ def _unite(parent: Any, over: Any, a: Any, b: Any, between: Any) -> bool:
 
 @njit(**_options)
 def _runs(base: int, phase: Any, cost: Any, limit: Any, groups: Any) -> None:
-    """Number the runs of one row whose pairs cost less than `limit`; the first pixel is at `base`."""
+    """Find the runs of one row whose pairs cost less than `limit`; its first pixel is number `base`."""
     first, turns, parent, over = groups
     before, run, total = np.float32(np.nan), np.int32(-1), np.int32(0)
     for x in range(phase.size):
         here = cost[x]
         if here + before < limit:
             total += _jump(phase[x - 1], phase[x])
-        elif here == here:
+        elif not np.isnan(here):
             run, total = np.int32(base + x), np.int32(0)
             parent[run], over[run] = run, total
         else:
@@ -159,7 +159,7 @@ def join_seams(fields: Any, limit: Any, groups: Any, bad: Any) -> int:
 
 @njit(**_options)
 def settle_runs(groups: Any) -> int:
-    """Number the groups from 0 in `first`, count `turns` from their roots, and return how many; uses up `parent`."""
+    """Write the number, from 0, of each pixel's group, and its turns over the root; count them; `parent` is used up."""
     first, turns, parent, over = groups
     count = np.int32(0)
     for row in range(first.shape[0]):

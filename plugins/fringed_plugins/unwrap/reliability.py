@@ -33,7 +33,7 @@ def _differences(before: Any, after: Any, out: Any, known: Any) -> None:
     for x in range(out.size):
         raw = after[x] - before[x]
         wrapped = raw - TWO_PI * turns_between(raw)
-        fine = wrapped == wrapped
+        fine = not np.isnan(wrapped)
         out[x] = wrapped if fine else _ZERO
         known[x] = _ONE if fine else _ZERO
 
@@ -122,15 +122,16 @@ def _weigh(quality: Any, middle: Any, weight: Any) -> None:
 
 
 @njit(**_options)
-def cost_rows(start: int, stop: int, phase: Any, quality: Any, middle: Any, cost: Any, largest: Any) -> None:
+def cost_rows(start: int, stop: int, phase: Any, factors: Any, cost: Any, largest: Any) -> None:
     """Write how little each pixel of rows `start` to `stop` can be trusted, 0 the best; NaN where unknown.
 
     `2 s + D / 2`: s^2 is the variance of the wrapped differences along rows plus that along columns, of
     the 3 x 3 pixels around (Pritt's phase derivative variance); D^2 the sum of squared second
-    differences along row, column and diagonals (Herraez et al. 2002). `quality` (0 rows: none) and its
-    `middle` weigh it. `largest` gets each row's greatest |phase|.
+    differences along row, column and diagonals (Herraez et al. 2002). `factors` are the quality that
+    weighs it (0 rows: none) and its middle. `largest` gets each row's greatest |phase|.
     """
-    height, width = phase.shape
+    quality, middle = factors
+    width = phase.shape[1]
     stacks = np.zeros((3, 8, width + 2), np.float32)
     sums = np.zeros((6, width + 2), np.float32)
     bends, weight = np.empty(width, np.float32), np.ones(width, np.float32)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.unwrap import basins, contracting, joining, reliability
-from fringed_plugins.unwrap.checking import check_range, weights, wrapped_phase
+from fringed_plugins.unwrap.checking import check_range, sealed, weights, wrapped_phase
 from fringed_plugins.unwrap.finishing import Unwrapped, finish
 
 Float32Array = npt.NDArray[np.float32]
@@ -56,10 +56,10 @@ def unwrap(
     True
     """
     original = wrapped_phase(wrapped_rad)
-    factors, middle = weights(quality, original.shape)
-    phase = original if original.dtype == np.float32 else original.astype(np.float32)
+    factors = weights(quality, original.shape)
+    phase = original if original.dtype == np.float32 else sealed(original.astype(np.float32))
     cost, largest = np.empty_like(phase), np.empty(phase.shape[0], np.float32)
-    run_rows(reliability.cost_rows, phase.shape[0], phase, factors, middle, cost, largest, threads=threads)
+    run_rows(reliability.cost_rows, phase.shape[0], phase, factors, cost, largest, threads=threads)
     check_range(float(largest.max()))
     groups, regions = _tree(phase, cost, threads)
     return finish(original, groups, regions, min_region_px, threads)

@@ -8,7 +8,9 @@ import importlib
 import pytest
 
 MODULES = (
-    "calibration.reference", "phase.dithering", "phase.frequencies", "phase.frequency_errors", "phase.patterns", "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
+    "calibration.reference", "phase.dithering", "phase.frequencies", "phase.frequency_errors", "phase.patterns",
+    "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
+    "unwrap.branch_cut", "unwrap.least_squares",
 )  # fmt: skip
 
 
