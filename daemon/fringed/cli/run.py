@@ -24,6 +24,7 @@ _KEEP_MB = 256  # a set, its range image and its phase map, on their ways
 
 def serve(path: Path | None, settings: Iterable[str]) -> int:
     """Build and run the station; return the exit code. Raises what `app.build` raises."""
+    load_numpy_with_one_thread()
     settings = tuple(settings)
     path = path.absolute() if path else None
 
@@ -50,6 +51,20 @@ def serve(path: Path | None, settings: Iterable[str]) -> int:
         logging.shutdown()
         os._exit(EXIT_OK)
     return EXIT_OK
+
+
+def load_numpy_with_one_thread() -> None:
+    """Load NumPy so that its BLAS starts no threads here; workers, which inherit the environment, are not touched.
+
+    The check of a set multiplies 4 by 90,000 numbers: 0.1 ms on one thread, but 5 to 12 ms where OpenBLAS shares it
+    with another one that has to wait for a core, because a worker decodes. BLAS reads the environment as it is loaded.
+    """
+    names = [name for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS") if name not in os.environ]
+    os.environ.update(dict.fromkeys(names, "1"))
+    import numpy  # noqa: F401
+
+    for name in names:
+        del os.environ[name]
 
 
 def _install(

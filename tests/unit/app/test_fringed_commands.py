@@ -1,6 +1,9 @@
 """`fringed` on the command line: settings, check, show, doctor, keys, errors and exit codes."""
 
 import json
+import os
+import subprocess
+import sys
 import tomllib
 
 import pytest
@@ -156,3 +159,14 @@ def test_every_command_has_a_help():
     result = CliRunner().invoke(cli, ["--help"])
     assert "Exit codes" in result.output
     assert ConfigurationError("x").exit_code == 2
+
+
+def test_numpy_s_blas_starts_no_threads_in_the_daemon_and_workers_are_not_told():
+    code = (
+        "import os; from fringed.cli.run import load_numpy_with_one_thread as load; load();"
+        "import numpy as np; a = np.ones((600, 600), np.float32); a @ a;"
+        "print(len(os.listdir('/proc/self/task')), 'OPENBLAS_NUM_THREADS' in os.environ)"
+    )
+    env = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run([sys.executable, "-c", code], env=env, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["1", "False"]
