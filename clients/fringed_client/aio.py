@@ -158,6 +158,17 @@ class AsyncStation:
         state: StationState = await self.request("status")
         return state
 
+    async def patterns(
+        self,
+        encoder: str,
+        params: Mapping[str, Any] | None = None,
+        size_px: tuple[int, int] | None = None,
+        timeout_s: float = flows.FETCH_TIMEOUT_S,
+    ) -> PatternSequence:
+        """Return what an encoder would project, as `Station.patterns`."""
+        sequence: PatternSequence = await self._run(flows.patterns(encoder, params, size_px, timeout_s))
+        return sequence
+
     async def scan(
         self,
         pipeline: str | None = None,

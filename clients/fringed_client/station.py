@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 import zmq
 
+from fringed.data import PatternSequence
 from fringed.errors import UsageError
 from fringed.messages import ScanState, StationState
 from fringed_client.address import Address
@@ -125,6 +126,34 @@ class Station:
     def plugins(self) -> dict[str, Any]:
         """Return the loaded and broken plug-ins and the schemas of their parameters."""
         return dict(self.request("plugins", timeout_s=30.0))
+
+    def patterns(
+        self,
+        encoder: str,
+        params: Mapping[str, Any] | None = None,
+        size_px: tuple[int, int] | None = None,
+        timeout_s: float = flows.FETCH_TIMEOUT_S,
+    ) -> PatternSequence:
+        """Return what an encoder would project: every frame's description and its exact picture; nothing is projected.
+
+        Parameters
+        ----------
+        encoder
+            its name, such as "multi-frequency"; `plugins()["schemas"]["encoder"]` has them with their parameters.
+        params
+            parameters other than their defaults.
+        size_px
+            width and height of the projector; None: the station's own.
+
+        Raises
+        ------
+        NotFound, ConfigurationError
+            no such encoder, or parameters that it does not have.
+        UsageError
+            patterns that nobody could decode, with the reason.
+        """
+        sequence: PatternSequence = self._run(flows.patterns(encoder, params, size_px, timeout_s))
+        return sequence
 
     def scan(  # noqa: PLR0913  each is a thing of its own that a scan may override
         self,

@@ -36,6 +36,7 @@ from fringed.serving.scans import Scans
 from fringed.serving.sockets import Remote, Sockets
 from fringed.serving.status import Status
 from fringed.serving.stream import Stream
+from fringed.serving.verbs_patterns import PatternVerbs
 from fringed.serving.verbs_records import RecordVerbs
 from fringed.serving.verbs_scans import ScanVerbs
 from fringed.serving.verbs_station import StationVerbs
@@ -130,6 +131,7 @@ def _station(
         **StationVerbs(house, leases, hello, status.state, running.reload, simulator).table(),
         **ScanVerbs(house, scans, leases).table(),
         **RecordVerbs(house, making.SOFTWARE).table(),
+        **PatternVerbs(house, scans.sequences, link).table(),
     }
     control = Control(house.reactor, sockets.control, verbs)
     gauges.add("control", control.counters)

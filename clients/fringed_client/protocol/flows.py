@@ -154,6 +154,16 @@ def fetch(item_id: str) -> Flow[Any]:
     return (yield Call("get", {"id": item_id}, FETCH_TIMEOUT_S))
 
 
+def patterns(
+    encoder: str, params: Mapping[str, Any] | None, size_px: tuple[int, int] | None, timeout_s: float
+) -> Flow[Any]:
+    """Return the PatternSequence that an encoder makes."""
+    asked: dict[str, Any] = {"encoder": encoder, "params": dict(params or {})}
+    if size_px is not None:
+        asked |= {"width_px": size_px[0], "height_px": size_px[1]}
+    return (yield Call("patterns", asked, timeout_s))
+
+
 def exporter_stage(format: str, params: Mapping[str, Any] | None) -> list[dict[str, Any]]:
     """Return the one stage that makes a file of a product."""
     return [{"name": "export", "kind": "exporter", "plugin": format, "params": dict(params or {}), "keep": True}]

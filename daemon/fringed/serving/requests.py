@@ -44,6 +44,10 @@ class Call:
         """Answer with an error; only the first answer counts."""
         self._finish(None, error_info(error))
 
+    def refuse(self, error: ErrorInfo) -> None:
+        """Answer with an error that somebody else has told; only the first answer counts."""
+        self._finish(None, error)
+
     def _finish(self, result: Any, error: ErrorInfo | None) -> None:
         if not self.answered:
             self.answered = True

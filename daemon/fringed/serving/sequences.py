@@ -21,6 +21,7 @@ from fringed.serving.requests import error_info
 
 _log = logging.getLogger(__name__)
 KEPT = 16
+KEPT_BYTES = 128 * 1024 * 1024  # dithered patterns fill the whole panel
 Done = Callable[[PatternSequence], None]
 Failed = Callable[[ErrorInfo], None]
 
@@ -66,9 +67,12 @@ class Sequences:
             failed(ErrorInfo("PluginError", "the encoder's worker answered without a pattern sequence"))
             return
         self._known[key] = made[0]
-        while len(self._known) > KEPT:
+        while len(self._known) > KEPT or (self._bytes() > KEPT_BYTES and len(self._known) > 1):
             self._known.popitem(last=False)
         done(made[0])
+
+    def _bytes(self) -> int:
+        return sum(pattern.nbytes for sequence in self._known.values() for pattern in sequence.patterns)
 
 
 def _stage(made: list[PatternSequence], answer: StageDone) -> None:

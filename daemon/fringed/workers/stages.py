@@ -94,7 +94,8 @@ def stamp(product: Any, plugin: Any, params: msgspec.Struct, inputs: list[Any], 
     """Return `product` with its id, scan and provenance."""
     plain = msgspec.to_builtins(params)
     if isinstance(product, PatternSequence):
-        return replace(product, encoder=plugin.name, encoder_version=plugin.version, parameters=plain)
+        told = {**product.parameters, **plain}  # an encoder may add what it has chosen itself
+        return replace(product, encoder=plugin.name, encoder_version=plugin.version, parameters=told)
     used = [item for value in inputs for item in (value if isinstance(value, (list, tuple)) else (value,))]
     calibration = _calibration(used)
     provenance = Provenance(

@@ -169,9 +169,10 @@ def fringes(
     )
 
 
-def design_notes(designs: Mapping[Orientation, Design]) -> dict[str, Any]:
+def design_notes(designer: Callable[[int, int, float], Design], params: Any, target: ProjectorTarget) -> dict[str, Any]:
     """Return what a sequence of designed frequencies tells of them, for each orientation: see `Design`."""
-    return {"design": {name: asdict(design) for name, design in designs.items()}}
+    made = {o: designer(length_px(target, o), params.frames, params.expected_snr) for o in orientations(params)}
+    return {"design": {orientation: asdict(design) for orientation, design in made.items()}}
 
 
 def _greys(params: FringeParams, target: ProjectorTarget) -> patterns.Greys:

@@ -14,7 +14,15 @@ from msgspec import Meta
 from fringed import __version__
 from fringed.data import Orientation, PatternSequence
 from fringed.hookspecs import ProjectorTarget
-from fringed_plugins.encoders.common import Fringe, FringeParams, Named, equal_shifts, fringes, length_px
+from fringed_plugins.encoders.common import (
+    Fringe,
+    FringeParams,
+    Named,
+    design_notes,
+    equal_shifts,
+    fringes,
+    length_px,
+)
 
 Steps = Annotated[
     Annotated[int, Meta(ge=3, le=64)] | list[Annotated[int, Meta(ge=3, le=64)]],
@@ -100,4 +108,5 @@ def joint_fringes(
         check_set(size_px, periods_px, steps, params.expected_snr, designer)
         return [Fringe(period, equal_shifts(count)) for period, count in zip(periods_px, steps, strict=True)]
 
-    return fringes(encoder, params, target, wanted)
+    auto = "auto" in (getattr(params, "periods", None), getattr(params, "periods_px", None))
+    return fringes(encoder, params, target, wanted, notes=design_notes(designer, params, target) if auto else None)

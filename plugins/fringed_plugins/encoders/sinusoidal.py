@@ -6,7 +6,8 @@ Owns their parameters; the arithmetic is in `phase`, what all fringes share in `
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, ClassVar, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import msgspec
 import numpy as np
@@ -14,7 +15,6 @@ from msgspec import Meta
 
 from fringed import __version__
 from fringed.data import Orientation, PatternSequence
-from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.common import (
     Fringe,
@@ -24,10 +24,12 @@ from fringed_plugins.encoders.common import (
     equal_shifts,
     fringes,
     length_px,
-    orientations,
     shown_snr,
 )
 from fringed_plugins.phase import pattern_rules, patterns
+
+if TYPE_CHECKING:
+    from fringed_plugins.phase.frequencies import Design
 
 _PX = {"units": "px"}
 InitialPhase = Annotated[
@@ -142,30 +144,20 @@ class MultiFrequencyEncoder:
         """
         from fringed_plugins.phase.frequencies import design_hierarchical
 
-        if params.periods != "auto":
+        def best(length: int, frames: int, _: float) -> Design:
+            return design_hierarchical(length, frames, shown_snr(params, params.expected_snr), params.min_period_px)
 
-            def wanted(orientation: Orientation) -> list[Fringe]:
-                return _hierarchical(params, length_px(target, orientation))
-
-            return fringes(self, params, target, wanted, params.initial_phase_rad)
-        try:
-            designs = {
-                orientation: design_hierarchical(
-                    length_px(target, orientation),
-                    params.frames,
-                    shown_snr(params, params.expected_snr),
-                    params.min_period_px,
-                )
-                for orientation in orientations(params)
-            }
-        except ValueError as error:
-            raise UsageError(f"{self.name}: {error}") from error
-
-        def designed(orientation: Orientation) -> list[Fringe]:
-            design, length = designs[orientation], length_px(target, orientation)
+        def wanted(orientation: Orientation) -> list[Fringe]:
+            length = length_px(target, orientation)
+            if params.periods != "auto":
+                return _hierarchical(params, length)
+            design = best(length, params.frames, params.expected_snr)
             return [Fringe(length / n, equal_shifts(k)) for n, k in zip(design.periods, design.steps, strict=True)]
 
-        return fringes(self, params, target, designed, params.initial_phase_rad, notes=design_notes(designs))
+        sequence = fringes(self, params, target, wanted, params.initial_phase_rad)
+        if params.periods != "auto":
+            return sequence
+        return replace(sequence, parameters={**sequence.parameters, **design_notes(best, params, target)})
 
     @classmethod
     def warm_up(cls) -> None:

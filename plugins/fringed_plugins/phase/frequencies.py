@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 from fringed_plugins.phase import frequency_errors as errors
 from fringed_plugins.phase import frequency_search as search
@@ -43,6 +44,7 @@ class Design:
         return sum(self.steps)
 
 
+@lru_cache(maxsize=64)
 def design_hierarchical(
     length_px: float, frames: int, snr: float, min_period_px: float = MIN_PERIOD_PX, failure: float = FAILURE
 ) -> Design:
@@ -80,6 +82,7 @@ def design_hierarchical(
     return _best(wanted, "hierarchical", search.hierarchical_sets(wanted), errors.hierarchical_failure)
 
 
+@lru_cache(maxsize=64)
 def design_heterodyne(
     length_px: float, frames: int, snr: float, min_period_px: float = MIN_PERIOD_PX, failure: float = FAILURE
 ) -> Design:
@@ -101,6 +104,7 @@ def design_heterodyne(
     return _best(wanted, "heterodyne", search.heterodyne_sets(wanted), errors.heterodyne_failure)
 
 
+@lru_cache(maxsize=64)
 def design_number_theoretic(
     length_px: float, frames: int, snr: float, min_period_px: float = MIN_PERIOD_PX, failure: float = FAILURE
 ) -> Design:
