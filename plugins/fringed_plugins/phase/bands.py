@@ -46,7 +46,7 @@ class Band:
         right = (fft.rfftfreq(shape[1]) - self.along) / self.half_along
         distance = np.hypot(down[:, None], right[None, :])
         part = np.clip((distance - self.flat) / max(1 - self.flat, 1e-6), 0, 1)
-        window = (0.5 * (1 + np.cos(np.pi * part))).astype(np.float32)
+        window: Float32Array = (0.5 * (1 + np.cos(np.pi * part))).astype(np.float32)
         window[:, [0, -1]] = 0.0  # neither the mean nor Nyquist has a phase
         return window
 
@@ -97,6 +97,19 @@ def smooth(values: Float32Array, length_px: int) -> Float32Array:
         for _ in range(2):
             result = ndimage.uniform_filter1d(result, length_px, axis=axis, mode="constant")
     return np.asarray(result, np.float32)
+
+
+def local_mean(values: Float32Array, length_px: int, share: Float32Array | None = None) -> Float32Array:
+    """Return the mean of `values` over periods of `length_px`; near the second axis' ends that of the last whole one.
+
+    `share` is what `smooth` makes of the weights that `values` were multiplied with, None for all ones.
+    """
+    weight = smooth(np.ones_like(values), length_px) if share is None else share
+    mean = np.asarray(smooth(values, length_px) / np.maximum(weight, 1e-6), np.float32)
+    inner = min(length_px, (values.shape[1] - 1) // 2)
+    mean[:, :inner] = mean[:, inner : inner + 1]
+    mean[:, mean.shape[1] - inner :] = mean[:, -inner - 1 : mean.shape[1] - inner]
+    return mean
 
 
 def find_carrier(picture: Array, expected: float, reach: float = 3.0) -> tuple[float, float]:

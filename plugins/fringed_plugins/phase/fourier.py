@@ -15,7 +15,7 @@ import numpy.typing as npt
 from scipy import fft
 
 from fringed_plugins.parallel import thread_count
-from fringed_plugins.phase.bands import Band, noise_gain, smooth
+from fringed_plugins.phase.bands import Band, local_mean, noise_gain, smooth
 from fringed_plugins.phase.noise import NoiseModel
 
 Array = npt.NDArray[Any]
@@ -23,6 +23,7 @@ Float32Array = npt.NDArray[np.float32]
 BoolArray = npt.NDArray[np.bool_]
 
 SATURATED, LOW_MODULATION, RESIDUAL, OTHER = (np.uint16(flag) for flag in (1, 2, 8, 128))
+_NOISE_ROWS, _QUANTISATION_DN2 = 256, 1 / 12
 _MARGIN_PERIODS = 4  # beyond the borders: what leaks around the transform's circle stays there
 
 
@@ -105,7 +106,7 @@ def analytic_signal(
     period = max(round(band.period_px), 2)
     weight = valid.astype(np.float32)
     share = smooth(weight, period)
-    light: Float32Array = _first_background(frame * weight, share, period) if background is None else background
+    light: Float32Array = local_mean(frame * weight, period, share) if background is None else background
     canvas = np.zeros(shape, np.float32)
     canvas[:height, :width] = np.where(valid, frame - light, 0)
     for step in range(iterations + 1):
@@ -129,15 +130,6 @@ def _padded(shape: tuple[int, ...], band: Band) -> tuple[int, int]:
     """Return a size that transforms fast, with room for the filter's reach."""
     margin = int(_MARGIN_PERIODS * band.period_px)
     return fft.next_fast_len(shape[0] + margin, real=True), fft.next_fast_len(shape[1] + margin, real=True)
-
-
-def _first_background(masked: Float32Array, share: Float32Array, period: int) -> Float32Array:
-    """Return the mean over whole periods; near the border that of the last whole one."""
-    light = _ratio(smooth(masked, period), share)
-    inner = min(period, (masked.shape[1] - 1) // 2)
-    light[:, :inner] = light[:, inner : inner + 1]
-    light[:, light.shape[1] - inner :] = light[:, -inner - 1 : light.shape[1] - inner]
-    return light
 
 
 def _ratio(sums: Float32Array, share: Float32Array) -> Float32Array:
@@ -195,11 +187,19 @@ def single_frame(
 def frame_noise(frame: Float32Array) -> NoiseModel:
     """Estimate one frame's noise from second differences down its fringes, which they hardly change.
 
-    The median of all pixels: a constant, right for the typical brightness.
+    The spread of what is no outlier, on rows from the middle: a constant, right for the typical brightness.
+
+    Examples
+    --------
+    >>> frame = 100 + np.random.default_rng(1).normal(0, 2, (80, 400))
+    >>> round(float(np.sqrt(frame_noise(frame.astype(np.float32)).constant_dn2)), 1)
+    2.0
     """
     if frame.shape[0] < 3:
         return NoiseModel(1.0, 0.0)
-    rows = frame[: min(len(frame), 3 * 128)] if len(frame) < 600 else frame[len(frame) // 4 : len(frame) // 4 + 384]
-    second = rows[:-2] - 2 * rows[1:-1] + rows[2:]
-    deviation = float(np.median(np.abs(second))) / 0.6745 / np.sqrt(6)
-    return NoiseModel(max(deviation**2, 1 / 12), 0.0)
+    first = max((len(frame) - _NOISE_ROWS) // 2, 0)
+    rows = frame[first : first + _NOISE_ROWS]
+    second = np.abs(rows[:-2] - 2 * rows[1:-1] + rows[2:])
+    # The median of whole grey levels is a whole grey level itself: it only says what an outlier is.
+    inside = second <= 6 * np.median(second) + 1
+    return NoiseModel(max(float(np.mean(second[inside] ** 2)) / 6, _QUANTISATION_DN2), 0.0)
