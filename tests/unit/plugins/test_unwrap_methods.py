@@ -50,9 +50,9 @@ def test_branch_cut_keeps_noise_local():
 
 def test_branch_cut_does_not_cross_a_fault_between_residues():
     """A fault that opens to 1.5 periods and closes: its residues are joined, and beyond it nothing is wrong."""
-    y, x = np.mgrid[0:100, 0:120].astype(float)
-    opening = 3 * np.pi * np.clip(1 - np.abs(x - 60) / 40, 0, 1)
-    truth = 0.1 * x + np.where(y > 50, opening * np.clip((90 - y) / 40, 0, 1), 0)
+    y, x = np.mgrid[0:200, 0:220].astype(float)
+    opening = 3 * np.pi * np.clip(1 - np.abs(x - 110) / 40, 0, 1)
+    truth = 0.1 * x + np.where(y > 100, opening * np.clip((150 - y) / 50, 0, 1), 0)
     assert residues(wrapped(truth)) == 2
     result = unwrap_branch_cut(wrapped(truth))
     assert result.residues == 2
