@@ -14,6 +14,9 @@ from fringed_plugins.decoders.colour import MeasureCrosstalk
 from fringed_plugins.decoders.correction import CorrectPhase, HarmonicCorrection, PhaseErrorTableMaker
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.fusion import FuseExposures
+from fringed_plugins.decoders.gray import GrayCodeDecoder, GrayPhaseShiftDecoder
+from fringed_plugins.decoders.heterodyne import HeterodyneDecoder
+from fringed_plugins.decoders.number_theoretic import NumberTheoreticDecoder
 from fringed_plugins.decoders.one_shot import OneShotFrequenciesDecoder, OneShotPhaseShiftDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
 from fringed_plugins.decoders.tone import ToneResponse, ToneVerify
@@ -21,7 +24,10 @@ from fringed_plugins.decoders.unknown_shifts import UnknownShiftsDecoder
 from fringed_plugins.decoders.unwrapping import Unwrap, UnwrapDifference
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
+from fringed_plugins.encoders.gray import GrayCodeEncoder, GrayPhaseShiftEncoder
 from fringed_plugins.encoders.grey_ramp import GreyRampEncoder
+from fringed_plugins.encoders.heterodyne import HeterodyneEncoder
+from fringed_plugins.encoders.number_theoretic import NumberTheoreticEncoder
 from fringed_plugins.encoders.one_shot import ColourBarsEncoder, OneShotFrequenciesEncoder, OneShotPhaseShiftEncoder
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
 
@@ -32,6 +38,10 @@ def register_patterns() -> Sequence[type[Any]]:
     return (
         PhaseShiftEncoder,
         MultiFrequencyEncoder,
+        HeterodyneEncoder,
+        NumberTheoreticEncoder,
+        GrayCodeEncoder,
+        GrayPhaseShiftEncoder,
         FourierEncoder,
         ColourBarsEncoder,
         OneShotFrequenciesEncoder,
@@ -46,6 +56,10 @@ def register_processors() -> Sequence[type[Any]]:
     return (
         PhaseShiftDecoder,
         MultiFrequencyDecoder,
+        HeterodyneDecoder,
+        NumberTheoreticDecoder,
+        GrayCodeDecoder,
+        GrayPhaseShiftDecoder,
         UnwrapDifference,
         Unwrap,
         FourierDecoder,

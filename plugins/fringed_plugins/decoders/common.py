@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from fringed.data import CameraSettings, FrameSet, PatternFrame, PatternSequence, PhaseMap
 from fringed.errors import DataError
-from fringed.hookspecs import Params
+from fringed_plugins.decoders.masks import MaskParams, mask_limits
 
 if TYPE_CHECKING:
     from fringed_plugins.phase.decoded import Decoded, Thresholds
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _ONE = {"units": "1"}
 
 
-class DecoderParams(Params, frozen=True, kw_only=True):
+class DecoderParams(MaskParams, frozen=True, kw_only=True):
     """When a pixel is dropped."""
 
     min_modulation_dn: Annotated[
@@ -111,6 +111,7 @@ def thresholds(frame_set: FrameSet, params: DecoderParams) -> Thresholds:
         residual=params.max_residual,
         similar_neighbours=params.min_similar_neighbours,
         border_glow=params.min_border_modulation,
+        masks=mask_limits(params, full),
     )
 
 

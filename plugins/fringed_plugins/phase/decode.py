@@ -29,6 +29,7 @@ from fringed_plugins.phase.shifts import (
     plan,
     style_residual,
 )
+from fringed_plugins.phase.temporal.correction import Evidence
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
@@ -86,7 +87,8 @@ def decode(
     part = Part(0, len(groups), finishes=True, absolute=size_px is not None, kept=False, summed=False)
     job = Job(part, no_state(), no_sums(stack.dtype), limits, out)
     run_rows(decode_rows, stack.shape[1], stack, layout, job, threads=threads)
-    clean(out, groups[-1], thresholds, size_px, threads)
+    evidence = None if size_px is None else Evidence(stack, groups, noise, size_px, windows=len(groups) > 1)
+    clean(out, groups[-1], thresholds, size_px, threads, evidence=evidence)
     return out
 
 

@@ -27,7 +27,8 @@ class Thresholds:
     `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
     24 neighbours must be alike, within half a period; `border_glow` the modulation over the brightest
     neighbour's below which a pixel at the border of what is lit shows that neighbour's light; `window_snr` the
-    modulation over the noise, averaged over 5 x 5 px, from which on neighbours may settle a fringe order; 0: never. `masks` are the optional ones.
+    modulation over the noise, averaged over 5 x 5 px, from which on neighbours may settle a fringe order; 0:
+    never. `masks` are the optional ones.
     """
 
     saturation_dn: float = float("inf")

@@ -90,6 +90,12 @@ def _blank(start: int, stop: int, phase: Any, rejected: Any, found: Any) -> None
                 phase[y, x] = _NAN if rejected[y, x] != 0 else phase[y, x]
 
 
+def blank(phase_rad: npt.NDArray[np.float32], rejected: npt.NDArray[np.uint16], threads: int = 0) -> None:
+    """Write NaN, in place, into `phase_rad` (height, width) where `rejected` is not 0."""
+    height = phase_rad.shape[0]
+    run_rows(_blank, height, phase_rad, rejected, np.ones(height, np.int64), threads=threads)
+
+
 def drop_strays(
     phase_rad: npt.NDArray[np.float32],
     modulation: npt.NDArray[np.float32],

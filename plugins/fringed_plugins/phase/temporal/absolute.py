@@ -16,16 +16,17 @@ from numba import njit
 
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.phase.cleaning import clean
-from fringed_plugins.phase.decode import decode
+from fringed_plugins.phase.decode import Keep, decode, readable
 from fringed_plugins.phase.decoded import Decoded, Thresholds
+from fringed_plugins.phase.masks.limits import MaskLimits
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import Group, phase_variance_factor
+from fringed_plugins.phase.temporal.correction import SURE_SIGMAS, Evidence
 from fringed_plugins.phase.temporal.joint import Orders, Search, find_orders, search_of
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
 
-SURE_SIGMAS = 4.5
 _FRINGE_ORDER = np.uint16(4)
 _OUT_OF_RANGE = np.uint16(16)
 _ZERO = np.float32(0)
@@ -55,12 +56,12 @@ def wrapped_phases(
     frames: Array, groups: Sequence[Group], noise: NoiseModel, thresholds: Thresholds, threads: int = 0
 ) -> Wrapped:
     """Decode each group by itself; the flags of all are joined."""
-    alone = replace(thresholds, similar_neighbours=0, border_glow=0.0)
+    alone = replace(thresholds, similar_neighbours=0, border_glow=0.0, masks=MaskLimits())
     shape = (len(groups), *frames.shape[1:])
     phases, lights = np.empty(shape, np.float32), np.empty(shape, np.float32)
     rejected = np.zeros(frames.shape[1:], np.uint16)
     for index, group in enumerate(groups):
-        one = decode(frames, [group], noise, alone, keep_wrapped=True, threads=threads)
+        one = decode(frames, [group], noise, alone, keep=Keep(sigma=False, wrapped=True), threads=threads)
         phases[index], lights[index] = one.wrapped_rad, one.modulation
         rejected |= one.rejected
     return Wrapped(phases, lights, one.background, rejected)
@@ -109,7 +110,7 @@ def decode_joint(
     *,
     combine: bool = True,
     systematic_rad: float = 0.02,
-    keep_wrapped: bool = False,
+    keep: Keep = Keep(),  # noqa: B008 (frozen)
     threads: int = 0,
 ) -> Decoded:
     """Return the absolute phase of the last group, from the phases of all groups together.
@@ -131,7 +132,8 @@ def decode_joint(
     check_alike(search, groups, size_px)
     seen = wrapped_phases(frames, groups, noise, thresholds, threads)
     orders = find_orders(seen.wrapped_rad, seen.modulation, seen.background, search, threads)
-    return judged(seen, orders, groups[-1], thresholds, size_px, keep_wrapped=keep_wrapped, threads=threads)
+    evidence = Evidence(readable(frames), groups, noise, size_px)
+    return judged(seen, orders, evidence, thresholds, keep=keep, threads=threads)
 
 
 def check_alike(search: Search, groups: Sequence[Group], size_px: int) -> None:
@@ -155,29 +157,29 @@ def check_alike(search: Search, groups: Sequence[Group], size_px: int) -> None:
 def judged(
     seen: Wrapped,
     orders: Orders,
-    finest: Group,
+    evidence: Evidence,
     thresholds: Thresholds,
-    size_px: int,
     *,
-    keep_wrapped: bool = False,
+    keep: Keep = Keep(),  # noqa: B008 (frozen)
     threads: int = 0,
 ) -> Decoded:
-    """Return what was found as a decoded map, its doubtful pixels dropped, its neighbours compared."""
-    shape = seen.background.shape
-    edge, period = thresholds.edge_px, finest.period_px
+    """Return what was found as a decoded map: doubtful orders settled or dropped, neighbours compared."""
+    shape, finest = seen.background.shape, evidence.groups[-1]
+    edge, period, size_px = thresholds.edge_px, finest.period_px, evidence.size_px
     bounds = Bounds(
         *map(np.float32, (SURE_SIGMAS**2, (edge - 0.5) / period, (size_px - 0.5 - edge) / period, finest.initial_rad))
     )
+    nothing = np.empty((0, 0), np.float32)
     out = Decoded(
         phase_rad=np.empty(shape, np.float32),
         sigma_rad=np.empty(shape, np.float32),
         modulation=seen.modulation[-1],
         background=seen.background,
-        wrapped_rad=seen.wrapped_rad[-1] if keep_wrapped else np.empty((0, 0), np.float32),
+        wrapped_rad=seen.wrapped_rad[-1] if keep.wrapped else nothing,
         rejected=seen.rejected,
+        confidence=np.empty(shape, np.float32) if keep.confidence else nothing,
     )
-    confidence = np.empty(shape, np.float32)
-    maps = (out.phase_rad, out.sigma_rad, confidence)
+    maps = (out.phase_rad, out.sigma_rad, out.confidence)
     run_rows(_judge, shape[0], orders, bounds, out.rejected, maps, threads=threads)
-    clean(out, finest, thresholds, size_px, threads)
+    clean(out, finest, thresholds, size_px, threads, evidence=evidence)
     return out

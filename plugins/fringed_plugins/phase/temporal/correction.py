@@ -37,7 +37,7 @@ class Evidence:
     """The frames behind a decoded map: what windows are made of.
 
     `view` makes `Windows` of a part of the image from phasors, frames, background and `keep`; without one, the orders
-    of the sums over all `groups` are used.
+    of the sums over all `groups` are used. Without `windows` only neighbours are asked.
     """
 
     frames: Array
@@ -45,6 +45,7 @@ class Evidence:
     noise: NoiseModel
     size_px: int
     view: View | None = None
+    windows: bool = True
 
 
 def correct(decoded: Decoded, evidence: Evidence, thresholds: Thresholds, threads: int = 0) -> int:
@@ -65,7 +66,7 @@ def correct(decoded: Decoded, evidence: Evidence, thresholds: Thresholds, thread
     if doubtful == 0:
         return 0
     finest = evidence.groups[-1:]
-    if doubtful <= DENSE_SHARE * decoded.rejected.size:
+    if doubtful <= DENSE_SHARE * decoded.rejected.size or not evidence.windows:
         group = finest[0]
         weights = transform(group.shifts_rad)[1:3].astype(np.float32)
         initial = np.float32(group.initial_rad / (2 * np.pi))

@@ -77,11 +77,11 @@ def _misfit(own: Any, ratio: Any, turns: np.float32) -> np.float32:
 
 @njit(**options)
 def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
-    """Return the pixel's absolute phase by the best window that holds it, and how well it fits; or a huge misfit."""
+    """Return, of the best window that holds the pixel, its score (huge: none), absolute phase and confidence."""
     i, j, variance = place
     height, width = view.turns.shape
     here = own[0, ratio.size - 1]
-    least, found = _HUGE, _ZERO
+    least, found, sure_by = _HUGE, _ZERO, _ZERO
     for y in range(i - RADIUS, i + RADIUS + 1, RADIUS):
         for x in range(j - RADIUS, j + RADIUS + 1, RADIUS):
             if y < 0 or y >= height or x < 0 or x >= width:
@@ -99,7 +99,8 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
             score = misfit - _MARGIN_WEIGHT * margin
             if misfit < rules.sure2 and score < least:
                 least, found = score, turns
-    return least, found
+                sure_by = (np.sqrt(view.second[y, x]) - np.sqrt(view.best[y, x])) / np.float32(2)
+    return least, found, sure_by
 
 
 @njit(**options)
@@ -115,7 +116,7 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             level = max(decoded.background[y, x], _ZERO)
             variance = rules.noise_constant + rules.noise_slope * level
             _measure(y - offset, x, parts, search, variance, own)
-            least, turns = _settle((y - offset, x, variance), own, view, search.ratio, rules)
+            least, turns, sure_by = _settle((y - offset, x, variance), own, view, search.ratio, rules)
             if least >= _HUGE:
                 decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
                 continue
@@ -123,4 +124,7 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             decoded.rejected[y, x] = np.uint16(OUT_OF_RANGE) if outside else np.uint16(0)
             if not outside:
                 decoded.phase_rad[y, x] = turns * _TWO_PI + rules.initial_rad
-                decoded.sigma_rad[y, x] = _TWO_PI / np.sqrt(own[1, search.ratio.size - 1])
+                if decoded.sigma_rad.shape[0] > 0:
+                    decoded.sigma_rad[y, x] = _TWO_PI / np.sqrt(own[1, search.ratio.size - 1])
+                if decoded.confidence.shape[0] > 0:
+                    decoded.confidence[y, x] = sure_by

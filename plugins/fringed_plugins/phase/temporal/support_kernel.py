@@ -104,4 +104,7 @@ def neighbour_rows(start: int, stop: int, fit: Any, maps: Any, rules: Any) -> No
             if inside and off2 < np.float32(16.0) * (own2 + BENT_TURNS2) and off2 < np.float32(0.0625):
                 decoded.rejected[y, x] = 0
                 decoded.phase_rad[y, x] = turns * _TWO_PI + rules.initial_rad
-                decoded.sigma_rad[y, x] = _TWO_PI * np.sqrt(own2)
+                if decoded.sigma_rad.shape[0] > 0:
+                    decoded.sigma_rad[y, x] = _TWO_PI * np.sqrt(own2)
+                if decoded.confidence.shape[0] > 0:
+                    decoded.confidence[y, x] = (np.float32(0.5) - np.sqrt(off2)) / np.sqrt(own2 + BENT_TURNS2)

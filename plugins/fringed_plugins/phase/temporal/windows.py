@@ -84,7 +84,8 @@ def _box(values: Any, line: Any, out: Any) -> None:
             total[x] = a[x] + b[x] + c[x] + d[x] + e[x]
 
 
-def _summed(values: Float32Array) -> Float32Array:
+def summed(values: Float32Array) -> Float32Array:
+    """Return sums over 5 x 5 px."""
     out = np.empty_like(values)
     _box(values, np.empty(values.shape[1] + 2 * RADIUS, np.float32), out)
     return out
@@ -131,21 +132,25 @@ def _slopes(vector: Any, out: Any) -> None:
             out[y, x] = fast_atan2(vector[1, y, x], vector[0, y, x]) * _PER_TURN
 
 
+def slopes_of(parts: Phasors) -> tuple[Float32Array, Float32Array]:
+    """Return the finest period's slope across and down in every window, in turns per pixel."""
+    shape = parts.cosine.shape[1:]
+    across, down = np.empty((2, *shape), np.float32), np.empty((2, *shape), np.float32)
+    _steps(parts.cosine[-1], parts.sine[-1], across, down)
+    slopes = (np.empty(shape, np.float32), np.empty(shape, np.float32))
+    for vectors, slope in zip((across, down), slopes, strict=True):
+        _slopes(np.stack([summed(vectors[0]), summed(vectors[1])]), slope)
+    return slopes
+
+
 def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: Search) -> Windows:
     """Return what every window says; `background` is for the noise, `keep` 0 where a pixel is not to count."""
-    count = _summed(keep)
+    count = summed(keep)
     shape = parts.cosine.shape
     angle, length = np.empty(shape, np.float32), np.empty(shape, np.float32)
     for m in range(shape[0]):
-        _polar(_summed(parts.cosine[m]), _summed(parts.sine[m]), count, angle[m], length[m])
+        _polar(summed(parts.cosine[m]), summed(parts.sine[m]), count, angle[m], length[m])
     orders = find_orders(angle, length, background, search, threads=1)
     orders.best[count < _LEAST_PX] = np.inf
-    across, down = np.empty((2, *shape[1:]), np.float32), np.empty((2, *shape[1:]), np.float32)
-    _steps(parts.cosine[-1], parts.sine[-1], across, down)
-    slopes = []
-    for vectors in (across, down):
-        slope = np.empty(shape[1:], np.float32)
-        _slopes(np.stack([_summed(vectors[0]), _summed(vectors[1])]), slope)
-        slopes.append(slope)
     modulation = length[-1] / np.sqrt(np.maximum(count, _ONE))
-    return Windows(orders.turns, slopes[0], slopes[1], orders.best, orders.second, modulation)
+    return Windows(orders.turns, *slopes_of(parts), orders.best, orders.second, modulation)

@@ -1,0 +1,85 @@
+"""Inner loop of Gray code with fringes: the fringe order that the code and all phases agree on best.
+
+Owns the cost of an order; `gray` calls it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from fringed_plugins.phase.graycode import Code
+
+options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_SOFT_CELLS = 0.05  # how exactly the edge of a cell is known, in cells
+_ZERO = np.float32(0)
+_HUGE = np.float32(1e30)
+_TINY = np.float32(1e-12)
+_PER_TURN = np.float32(0.5 / np.pi)
+_ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
+
+
+class Ruler(NamedTuple):
+    """How cells of the code and turns of the finest fringes lie on the projector, float32."""
+
+    turns_per_cell: np.float32
+    first_turns: np.float32  # where the first cell begins
+    reach: int  # orders to try on each side
+    soft2: np.float32  # variance of a cell's edge, in turns^2
+
+
+def ruler(code: Code, period_px: float) -> Ruler:
+    """Return the ruler for fringes of `period_px`."""
+    per_cell = code.cell_px / period_px
+    return Ruler(
+        np.float32(per_cell),
+        np.float32((code.offset_px - 0.5) / period_px),
+        int(np.ceil(per_cell / 2)) + 1,
+        np.float32((_SOFT_CELLS * per_cell) ** 2),
+    )
+
+
+@njit(**options)
+def order_rows(start: int, stop: int, maps: Any, code: Any, rules: Any, out: Any) -> None:
+    """Choose the order of the finest period near the code's position."""
+    wrapped, modulation, background = maps
+    search, scale = rules
+    count = search.ratio.size
+    t, w = np.empty(count, np.float32), np.empty(count, np.float32)
+    for y in range(start, stop):
+        for x in range(background.shape[1]):
+            variance = search.noise_constant + search.noise_slope * max(background[y, x], _ZERO)
+            information = _ZERO
+            for m in range(count):
+                t[m] = wrapped[m, y, x] * _PER_TURN - search.initial_turns[m]
+                light2 = modulation[m, y, x] * modulation[m, y, x]
+                w[m] = np.float32(1) / (search.factor[m] * variance / (light2 + _TINY) + search.floor2 + _TINY)
+                information += w[m] * search.ratio[m] * search.ratio[m]
+            here = t[count - 1]
+            coded = scale.first_turns + code.position[y, x] * scale.turns_per_cell
+            half = code.half_width[y, x] * scale.turns_per_cell
+            near = here + ((coded - here + _ROUND) - _ROUND)
+            best, second, turns = _HUGE, _HUGE, near
+            for k in range(-scale.reach, scale.reach + 1):
+                candidate = near + np.float32(k)
+                squares, lean = _ZERO, _ZERO
+                for m in range(count - 1):
+                    e = t[m] - search.ratio[m] * candidate
+                    e -= (e + _ROUND) - _ROUND
+                    squares += w[m] * e * e
+                    lean += w[m] * e * search.ratio[m]
+                beyond = max(abs(candidate - coded) - half, _ZERO)
+                shift = lean / information
+                cost = squares - lean * shift + beyond * beyond / (scale.soft2 + np.float32(1) / w[count - 1])
+                if cost < best:
+                    best, second, turns = cost, best, candidate + (shift if search.combine else _ZERO)
+                else:
+                    second = min(second, cost)
+            # The next code: its bit would have to be wrong by what it was read as, and by what it should be.
+            bit = code.margin[y, x] + code.expected[y, x]
+            out.turns[y, x] = turns
+            out.sigma_turns[y, x] = np.sqrt(np.float32(1) / (information if search.combine else w[count - 1]))
+            out.best[y, x] = max(best, _ZERO)
+            out.second[y, x] = min(second, bit * bit)
