@@ -76,8 +76,12 @@ def _arrayed(node: Any, name: str = "") -> Any:
         "T_projector_camera",
         "reference_plane",
         "tone_curve",
+        "crosstalk",
+        "error_rad",
     ):
         return np.array(node, np.float64)
+    if isinstance(node, list):
+        return [_arrayed(item) for item in node]
     return node
 
 

@@ -15,9 +15,10 @@ import numpy.typing as npt
 from msgspec import Meta
 
 from fringed import __version__
-from fringed.data import Calibration, Float32Array, Lens, PhaseMap, Provenance, RangeImage
+from fringed.data import Calibration, Float32Array, FrameSet, Lens, PhaseMap, Provenance, RangeImage
 from fringed.errors import DataError
 from fringed.hookspecs import Context, Params, hookimpl
+from fringed_plugins.decoders.tone_drift import warn_of_drift
 
 if TYPE_CHECKING:
     from fringed_plugins.calibration.rig import Axis, Pinhole
@@ -58,7 +59,8 @@ class Triangulate:
     """Absolute phase to points: each camera ray meets the surface of its projector column or row.
 
     Both lenses' distortions are taken exactly. The deviation of a point along its ray is the phase's times
-    the geometry's sensitivity. Points that continue no surface (flyers) are dropped (`DISCONTINUITY`).
+    the geometry's sensitivity. Points that continue no surface (flyers) are dropped (`DISCONTINUITY`). Of the
+    optional `frames` it looks at the second harmonic, and warns where the projector's tone has drifted.
 
     References
     ----------
@@ -68,8 +70,8 @@ class Triangulate:
     name: ClassVar[str] = "triangulate"
     version: ClassVar[str] = __version__
     summary: ClassVar[str] = "absolute phase and calibration to a range image"
-    inputs: ClassVar[Mapping[str, Any]] = {"phase": PhaseMap, "calibration": Calibration}
-    optional: ClassVar[frozenset[str]] = frozenset()
+    inputs: ClassVar[Mapping[str, Any]] = {"phase": PhaseMap, "calibration": Calibration, "frames": FrameSet}
+    optional: ClassVar[frozenset[str]] = frozenset({"frames"})
     output: ClassVar[type] = RangeImage
 
     class Params(RangeParams, frozen=True, kw_only=True):
@@ -90,6 +92,9 @@ class Triangulate:
                 "the difference to a reference plane and use 'reference-plane'"
             )
         context.check_cancelled()
+        frames = inputs.get("frames")
+        if isinstance(frames, FrameSet):
+            warn_of_drift(frames, calibration, context)
         return _range_image(phase, phase.phase_rad, calibration, params, context)
 
     @classmethod

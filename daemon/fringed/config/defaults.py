@@ -35,6 +35,17 @@ PIPELINES: dict[str, Any] = {
                 {"processor": "reference-plane", "name": "range", "inputs": {"phase": "phase"}},
             ],
         },
+        "tone": {
+            "summary": "a grey ramp on any light surface: the projector's tone curve, added to the calibration",
+            "encoder": "grey-ramp",
+            "stages": [{"processor": "tone-response", "name": "response"}],
+        },
+        "tone-check": {
+            "summary": "12 steps of one frequency, which hold sets of 3 and 4: what `fringe tone verify` compares",
+            "encoder": "phase-shift",
+            "encoder_params": {"periods": 64, "steps": 12},
+            "stages": [{"processor": "phase-shift", "name": "phase"}],
+        },
         "hdr": {
             "summary": "exposures of 1/8, 1 and 8 times, each 3 frequencies x 4 steps: dark and shiny surfaces at once",
             "encoder": "multi-frequency",

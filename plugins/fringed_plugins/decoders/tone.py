@@ -96,7 +96,7 @@ class ToneResponse:
             "tone_pixels": float(found.pixels),
             VERIFIED: 0.0,
         }
-        return replace(calibration, tone_curve=found.curve, residuals=residuals, source=_source(calibration))
+        return replace(calibration, tone_curve=found.curve, residuals=residuals)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -179,11 +179,6 @@ def _calibration(inputs: Mapping[str, Any], name: str) -> Calibration:
             "that it belongs to. Calibrate the rig first, and name the file in the configuration (calibration = ...)"
         )
     return calibration
-
-
-def _source(calibration: Calibration) -> str:
-    mark = "measured tone"
-    return calibration.source if mark in calibration.source else f"{calibration.source}, {mark}"
 
 
 def _ramp(inputs: Mapping[str, Any], name: str) -> FrameSet:

@@ -20,9 +20,10 @@ def monotone_curve(
 ) -> tuple[Float64Array, Float64Array]:
     """Return the light (256,) of each grey level, rising from 0 to 1, and its standard deviation (256,).
 
-    A cubic spline whose coefficients rise, so that it rises too, with a penalty on their third differences; how
-    strong is chosen by generalised cross-validation. Levels weigh by `scatter`. Below the first and above the last
-    level measured the spline goes on as it is.
+    A cubic spline whose coefficients rise, so that it rises too, with a penalty on the third differences of what is no
+    power law: most projectors are near one, and only the departure has to be smooth. How strong the penalty is, is
+    chosen by generalised cross-validation. Levels weigh by `scatter`. Below the first and above the last level measured
+    the spline goes on as it is.
 
     References
     ----------
@@ -39,17 +40,32 @@ def monotone_curve(
 
     pieces = max(4, min(_PIECES, len(greys) - 4))
     basis, everywhere = _basis(greys, pieces), _basis(np.arange(256.0), pieces)
+    plain = np.linalg.lstsq(everywhere, _power_law(greys, light, scatter), rcond=None)[0]
     penalty = np.diff(np.eye(basis.shape[1]), 3, axis=0)
     weighted, wanted = basis / scatter[:, None], light / scatter
-    strength, covariance = _chosen(weighted, wanted, penalty)
+    strength, covariance = _chosen(weighted, wanted - weighted @ plain, penalty)
     rising = np.tril(np.ones((basis.shape[1],) * 2))
     lift = 1.0  # the first coefficient may be a little below 0: nnls wants none negative
     stacked = np.concatenate([weighted, strength * penalty]) @ rising
-    target = np.concatenate([wanted + lift * weighted.sum(axis=1), np.zeros(len(penalty))])
+    target = np.concatenate([wanted + lift * weighted.sum(axis=1), strength * (penalty @ plain)])
     fitted = everywhere @ (rising @ nnls(stacked, target)[0])
     low, high = fitted[0], fitted[-1]
     deviation = np.sqrt(np.einsum("ij,jk,ik->i", everywhere, covariance, everywhere))
     return np.asarray((fitted - low) / (high - low), np.float64), np.asarray(deviation / (high - low), np.float64)
+
+
+def _power_law(greys: Float64Array, light: Float64Array, scatter: Float64Array) -> Float64Array:
+    """Return the best offset + scale (grey / 255)^gamma for 0.3 <= gamma <= 4 at every grey level (256,)."""
+    from scipy.optimize import minimize_scalar
+
+    def solved(gamma: float) -> tuple[float, Float64Array]:
+        columns = np.stack([np.ones_like(greys), (greys / 255) ** gamma], axis=1) / scatter[:, None]
+        solution = np.linalg.lstsq(columns, light / scatter, rcond=None)[0]
+        return float(np.sum((columns @ solution - light / scatter) ** 2)), np.asarray(solution, np.float64)
+
+    gamma = float(minimize_scalar(lambda g: solved(float(g))[0], bounds=(0.3, 4.0), method="bounded").x)
+    offset, scale = solved(gamma)[1]
+    return np.asarray(offset + scale * (np.arange(256) / 255) ** gamma, np.float64)
 
 
 def _basis(at: Float64Array, pieces: int) -> Float64Array:
@@ -74,5 +90,5 @@ def _chosen(weighted: Float64Array, wanted: Float64Array, penalty: Float64Array)
         value = float(np.sum((wanted - hat @ wanted) ** 2)) * len(wanted) / max(free, 1e-9) ** 2
         if value < score:
             best, score = float(strength), value
-    covariance = np.linalg.inv(normal + best**2 * roughness)
+    covariance: Float64Array = np.asarray(np.linalg.inv(normal + best**2 * roughness), np.float64)
     return best, covariance
