@@ -7,7 +7,7 @@ axis, rising to the right. Takes plain arrays; knows no contract.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,8 +102,10 @@ def analytic_signal(
     height, width = frame.shape
     workers = thread_count(threads)
     shape = _padded(frame.shape, band)
-    window = band.window(shape)
     period = max(round(band.period_px), 2)
+    if height < 2 * period:  # too few rows to filter across them: each stands by itself
+        band = replace(band, across=0.0, half_across=float("inf"))
+    window = band.window(shape)
     weight = valid.astype(np.float32)
     share = smooth(weight, period)
     light: Float32Array = local_mean(frame * weight, period, share) if background is None else background
