@@ -23,7 +23,7 @@ _SIXTH = np.float32(1 / 6)
 _TWELFTH = np.float32(1 / 12)
 _TWO = np.float32(2)
 _ZERO = np.float32(0)
-_options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_options: Any = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 class Sums(NamedTuple):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,10 @@ import numpy.typing as npt
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.phase.cleaning import clean
 from fringed_plugins.phase.closed_forms import Sums
-from fringed_plugins.phase.decode_kernel import Job, Part, decode_rows
+from fringed_plugins.phase.decode_kernel import Job, Part, absolute_blocks, wrapped_blocks
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.finish_kernel import Limits
-from fringed_plugins.phase.level_kernel import State
+from fringed_plugins.phase.level_kernel import BLOCK_PX, State
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import (
     Group,
@@ -80,16 +81,23 @@ def decode(
     """
     keep = replace(keep, wrapped=keep.wrapped or keep_wrapped)
     stack = readable(frames)
-    layout, limits = prepare(groups, noise, thresholds, size_px)
+    layout, limits = prepare(tuple(groups), noise, thresholds, size_px)
     out = empty(stack.shape[1:], keep, absolute=size_px is not None)
     if out.rejected.size == 0:
         return out
-    part = Part(0, len(groups), finishes=True, absolute=size_px is not None, kept=False, summed=False)
-    job = Job(part, no_state(), no_sums(stack.dtype), limits, out)
-    run_rows(decode_rows, stack.shape[1], stack, layout, job, threads=threads)
+    part = Part(0, len(groups), finishes=True, kept=False, summed=False)
+    run(stack, layout, Job(part, no_state(), no_sums(stack.dtype), limits, out), size_px is not None, threads)
     evidence = None if size_px is None else Evidence(stack, groups, noise, size_px, windows=len(groups) > 1)
     clean(out, groups[-1], thresholds, size_px, threads, evidence=evidence)
     return out
+
+
+def run(stack: Array, layout: Plan, job: Job, absolute: bool, threads: int) -> None:
+    """Run the kernel over all pixels of `stack` (n, height, width) with the job's maps (height, width)."""
+    flat = Job(job.part, job.state, job.sums, job.limits, Decoded(*[plane.reshape(-1) for plane in job.out]))
+    pixels = stack.shape[1] * stack.shape[2]
+    kernel = absolute_blocks if absolute else wrapped_blocks
+    run_rows(kernel, -(-pixels // BLOCK_PX), stack.reshape(len(stack), pixels), layout, flat, threads=threads)
 
 
 def readable(frames: Array) -> Array:
@@ -120,19 +128,19 @@ def empty(shape: tuple[int, ...], keep: Keep, *, absolute: bool) -> Decoded:
 
 
 def no_state() -> State:
-    """Return the state of no rows."""
-    nothing = np.empty((0, 0), np.float32)
-    return State(*[nothing] * 8)
+    """Return the state of no pixels."""
+    return State(*[np.empty(0, np.float32)] * 8)
 
 
 def no_sums(kind: np.dtype[Any]) -> Sums:
-    """Return the sums of no rows."""
-    nothing = np.empty((0, 0), np.float32)
-    return Sums(np.empty((0, 0), kind), *[nothing] * 5, normal=np.empty(0, np.float32))
+    """Return the sums of no pixels."""
+    nothing = np.empty(0, np.float32)
+    return Sums(np.empty(0, kind), nothing, nothing, nothing, nothing, nothing, nothing)
 
 
+@lru_cache(maxsize=32)  # half a millisecond, and a station decodes the same sets all day
 def prepare(
-    groups: Sequence[Group], noise: NoiseModel, thresholds: Thresholds, size_px: int | None
+    groups: tuple[Group, ...], noise: NoiseModel, thresholds: Thresholds, size_px: int | None
 ) -> tuple[Plan, Limits]:
     """Return what the kernel needs to know of the groups and of the thresholds.
 

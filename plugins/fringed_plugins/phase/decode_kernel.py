@@ -1,7 +1,7 @@
-"""The fused kernel: frames to phase and mask in one pass over the rows, and the same in parts while frames arrive.
+"""The fused kernel: frames to phase and mask in one pass over the pixels, and the same in parts while frames arrive.
 
-Owns the order in which a row's loops run, and their scratch; the loops are in `level_kernel` and `finish_kernel`.
-What one loop leaves for the next is a few rows, which stay in the processor's cache.
+Owns the order in which a block's loops run, and their scratch; the loops are in `level_kernel`, `finish_kernel` and
+`sums`. What is taken out of a tuple of arrays costs time (each is counted), so that this is done once for many pixels.
 """
 
 from __future__ import annotations
@@ -15,26 +15,26 @@ from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.finish_kernel import (
     Limits,
     Maps,
-    confidence_row,
     last_level,
-    residual_row,
-    sigma_row,
-    wrap_row,
-    wrapped_row,
+    write_confidence,
+    write_residual,
+    write_sigma,
+    write_wrap,
+    write_wrapped,
 )
 from fringed_plugins.phase.level_kernel import (
+    BLOCK_PX,
+    Block,
     Level,
-    Row,
     State,
     add_level,
     add_margin,
     begin_margin,
-    begin_row,
-    copy_row,
+    begin_state,
+    copy_pixels,
     options,
-    state_at,
 )
-from fringed_plugins.phase.sums import begin_sums, fold, new_sums, sums_at
+from fringed_plugins.phase.sums import begin_sums, fold, new_sums, sums_between
 
 
 class Part(NamedTuple):
@@ -43,13 +43,12 @@ class Part(NamedTuple):
     first: int
     last: int
     finishes: bool
-    absolute: bool
-    kept: bool  # the state is that of all rows; otherwise a row's is scratch
+    kept: bool  # the state is that of all pixels; otherwise a block's is scratch
     summed: bool  # the group's sums are complete already
 
 
 class Job(NamedTuple):
-    """What a call works with besides the frames: where the state and sums of all rows are, limits, and the maps."""
+    """What a call works with besides the frames: state and sums of all pixels, where kept, limits, and the maps."""
 
     part: Part
     state: State
@@ -58,159 +57,151 @@ class Job(NamedTuple):
     out: Any  # decoded.Decoded
 
 
-class Tools(NamedTuple):
-    """A thread's own: scratch rows, and the row of state in work."""
-
-    state: State
-    sums: Sums
-    row: Row
-
-
 @njit(**options)
-def new_state(rows: int, width: int, margin: bool) -> State:
-    """Return an empty state of `rows` rows; its margin is (0, 0) where none is wanted."""
-    shape = (rows, width)
-    other = shape if margin else (0, 0)
+def new_state(count: int, margin: bool) -> State:
+    """Return an empty state of `count` pixels; its margin is empty where none is wanted."""
+    other = count if margin else 0
     return State(
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.float32),
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.float32),
+        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32),
+        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32),
         np.empty(other, np.float32), np.empty(other, np.float32),
     )  # fmt: skip
 
 
 @njit(**options)
-def _new_row(width: int) -> Row:
-    return Row(
-        np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32),
-        np.empty(width, np.float32), np.empty(width, np.float32),
+def _state_between(state: State, a: int, b: int) -> State:
+    return State(
+        state.turns[a:b], state.misfit[a:b], state.squares[a:b], state.weakest[a:b],
+        state.coarsest[a:b], state.saturated[a:b], state.margin[a:b], state.inverse[a:b],
     )  # fmt: skip
 
 
 @njit(**options)
-def _three(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
-    return frames[i[0], y], frames[i[1], y], frames[i[2], y]
+def _new_block() -> Block:
+    return Block(
+        np.empty(BLOCK_PX, np.float32), np.empty(BLOCK_PX, np.float32), np.empty(BLOCK_PX, np.float32),
+        np.empty(BLOCK_PX, np.float32), np.empty(BLOCK_PX, np.float32),
+    )  # fmt: skip
 
 
 @njit(**options)
-def _four(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
-    return frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y]
+def _add_up(frames: Any, place: Any, chunks: int, weights: Any, sums: Sums) -> None:
+    """Add up all frames (n, count) of a group."""
+    begin_sums(frames[place[0]], sums)
+    for q in range(chunks):
+        i = place[4 * q : 4 * q + 4]
+        fold((frames[i[0]], frames[i[1]], frames[i[2]], frames[i[3]]), weights[q], sums)
 
 
 @njit(**options)
-def _six(frames: Any, i: Any, y: int) -> tuple[Any, ...]:
-    return frames[i[0], y], frames[i[1], y], frames[i[2], y], frames[i[3], y], frames[i[4], y], frames[i[5], y]
+def _write_further(a: int, b: int, limits: Limits, block: Block, margin: Any, out: Any) -> None:
+    """Write what else is wanted of pixels `a` to `b`."""
+    if out.wrapped_rad.size > 0:
+        write_wrap(block.turns, out.wrapped_rad[a:b])
+    if out.background.size > 0:
+        copy_pixels(block.background, out.background[a:b])
+    if out.sigma_rad.size > 0:
+        write_sigma(limits, block.background, out.modulation[a:b], out.phase_rad[a:b], out.sigma_rad[a:b])
+    if out.residual.size > 0:
+        write_residual(limits, block.squares, out.residual[a:b])
+    if out.confidence.size > 0:
+        write_confidence(limits, margin, block.background, out.confidence[a:b])
+
+
+@njit(cache=True, **options)
+def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
+    """Decode the only group of blocks `start` to `stop` of `frames` (n, pixels) into the maps of `job`."""
+    part, _, kept, limits, out = job
+    form, i, block = plan.form[0], plan.place[0], _new_block()
+    scratch = new_sums(frames, 1 if part.summed or form > 0 else BLOCK_PX, plan.normal[0])
+    for number in range(start, stop):
+        a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
+        v = frames[:, a:b]
+        maps = Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b])
+        if form == 3:
+            write_wrapped((v[i[0]], v[i[1]], v[i[2]]), limits, block, maps)
+        elif form == 4:
+            write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), limits, block, maps)
+        elif form == 6:
+            write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), limits, block, maps)
+        elif part.summed:
+            write_wrapped(sums_between(kept, a, b, plan.normal[0]), limits, block, maps)
+        else:
+            _add_up(v, i, plan.chunks[0], plan.weights[0], scratch)
+            write_wrapped(scratch, limits, block, maps)
+        _write_further(a, b, limits, block, block.off, out)
 
 
 @njit(**options)
-def _summed(frames: Any, y: int, plan: Any, g: int, job: Job, sums: Sums) -> Sums:
-    """Return the sums of row `y` of group `g`: those that are there, or all frames added up in scratch."""
-    if job.part.summed:
-        return sums_at(job.sums, y, plan.normal[g])
-    here = sums_at(sums, 0, plan.normal[g])
-    begin_sums(frames[plan.place[g, 0], y], here)
-    for q in range(plan.chunks[g]):
-        fold(_four(frames, plan.place[g, 4 * q : 4 * q + 4], y), plan.weights[g, q], here)
-    return here
-
-
-@njit(**options)
-def _add(frames: Any, y: int, plan: Any, g: int, job: Job, tools: Tools) -> None:
-    """Take row `y` of group `g` into the state."""
-    level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], job.limits.saturation, plan.variance[g])
-    i, state, row = plan.place[g], tools.state, tools.row
-    if plan.form[g] == 3:
-        add_level(_three(frames, i, y), level, state, row)
-    elif plan.form[g] == 4:
-        add_level(_four(frames, i, y), level, state, row)
-    elif plan.form[g] == 6:
-        add_level(_six(frames, i, y), level, state, row)
-    else:
-        add_level(_summed(frames, y, plan, g, job, tools.sums), level, state, row)
-    if g == 0:
-        copy_row(row.square, state.coarsest)
-    _margin(g, level, state, row)
-
-
-@njit(**options)
-def _margin(g: int, level: Level, state: State, row: Row) -> None:
+def _margin(g: int, level: Level, state: State, block: Block) -> None:
     if state.margin.size == 0:
         return
     if g == 0:
-        begin_margin(level, state, row)
+        begin_margin(level, state, block)
     else:
-        add_margin(level, state, row)
+        add_margin(level, state, block)
 
 
 @njit(**options)
-def _last(frames: Any, y: int, plan: Any, g: int, job: Job, tools: Tools) -> None:
-    """Take row `y` of the finest group and write its maps."""
-    level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], job.limits.saturation, plan.variance[g])
-    i, state, row, limits, out = plan.place[g], tools.state, tools.row, job.limits, job.out
-    maps = Maps(out.phase_rad[y], out.modulation[y], out.rejected[y])
-    if plan.form[g] == 3:
-        last_level(_three(frames, i, y), level, state, limits, row, maps)
-    elif plan.form[g] == 4:
-        last_level(_four(frames, i, y), level, state, limits, row, maps)
-    elif plan.form[g] == 6:
-        last_level(_six(frames, i, y), level, state, limits, row, maps)
+def _add(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> None:
+    """Take a level that is not the finest into the state; `v` are the block's frames, `i` the group's of them."""
+    state, block = tools
+    count = v.shape[1]
+    if form == 3:
+        add_level((v[i[0]], v[i[1]], v[i[2]]), count, level, state, block)
+    elif form == 4:
+        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), count, level, state, block)
+    elif form == 6:
+        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), count, level, state, block)
     else:
-        last_level(_summed(frames, y, plan, g, job, tools.sums), level, state, limits, row, maps)
-    _margin(g, level, state, row)
+        add_level(sums, count, level, state, block)
 
 
 @njit(**options)
-def _wrapped(frames: Any, y: int, plan: Any, job: Job, tools: Tools) -> None:
-    """Write the maps of row `y` of the only group."""
-    i, row, limits, out = plan.place[0], tools.row, job.limits, job.out
-    maps = Maps(out.phase_rad[y], out.modulation[y], out.rejected[y])
-    if plan.form[0] == 3:
-        wrapped_row(_three(frames, i, y), limits, row, maps)
-    elif plan.form[0] == 4:
-        wrapped_row(_four(frames, i, y), limits, row, maps)
-    elif plan.form[0] == 6:
-        wrapped_row(_six(frames, i, y), limits, row, maps)
+def _finish(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> None:
+    """Take the finest level and write the maps."""
+    state, block, limits, maps = tools
+    if form == 3:
+        last_level((v[i[0]], v[i[1]], v[i[2]]), level, state, limits, block, maps)
+    elif form == 4:
+        last_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), level, state, limits, block, maps)
+    elif form == 6:
+        last_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), level, state, limits, block, maps)
     else:
-        wrapped_row(_summed(frames, y, plan, 0, job, tools.sums), limits, row, maps)
+        last_level(sums, level, state, limits, block, maps)
 
 
-@njit(**options)
-def _further(y: int, limits: Limits, tools: Tools, out: Any) -> None:
-    """Write what else is wanted of row `y`."""
-    row = tools.row
-    if out.wrapped_rad.shape[0] > 0:
-        wrap_row(row.turns, out.wrapped_rad[y])
-    if out.background.shape[0] > 0:
-        copy_row(row.background, out.background[y])
-    if out.sigma_rad.shape[0] > 0:
-        sigma_row(limits, row.background, out.modulation[y], out.phase_rad[y], out.sigma_rad[y])
-    if out.residual.shape[0] > 0:
-        residual_row(limits, row.squares, out.residual[y])
-    if out.confidence.shape[0] > 0:
-        confidence_row(limits, tools.state.margin, row.background, out.confidence[y])
+@njit(cache=True, **options)
+def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
+    """Decode groups of blocks `start` to `stop` of `frames` (n, pixels) into the state, or the maps, of `job`.
 
-
-@njit(**options)
-def decode_rows(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
-    """Decode rows `start` to `stop` of `frames` (n, height, width) into the maps of `job`.
-
-    Groups before the part's first one are in the job's state already, which then has all rows.
+    Groups before the part's first one are in the job's state already, which then is that of all pixels.
     """
-    part, width = job.part, frames.shape[2]
-    row = _new_row(width)
-    scratch = new_state(1, width, job.out.confidence.shape[0] > 0)
-    sums = new_sums(frames[0, :1], plan.normal[0])
-    for y in range(start, stop):
-        tools = Tools(state_at(job.state, y) if part.kept else state_at(scratch, 0), sums, row)
-        if not part.absolute:
-            _wrapped(frames, y, plan, job, tools)
-            _further(y, job.limits, tools, job.out)
-            continue
+    part, kept_state, kept_sums, limits, out = job
+    block = _new_block()
+    scratch_state = new_state(1 if part.kept else BLOCK_PX, out.confidence.size > 0)
+    scratch_sums = new_sums(frames, 1 if part.summed else BLOCK_PX, plan.normal[0])
+    for number in range(start, stop):
+        a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
+        v = frames[:, a:b]
+        state = _state_between(kept_state, a, b) if part.kept else scratch_state
         if part.first == 0:
-            begin_row(tools.state, plan.centre_turns)
+            begin_state(state, plan.centre_turns)
         for g in range(part.first, part.last):
+            level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], limits.saturation, plan.variance[g])
+            form, i, sums = plan.form[g], plan.place[g], scratch_sums
+            if part.summed:
+                sums = sums_between(kept_sums, a, b, plan.normal[g])
+            elif form == 0:
+                sums = sums_between(scratch_sums, 0, b - a, plan.normal[g])
+                _add_up(v, i, plan.chunks[g], plan.weights[g], sums)
             if part.finishes and g == part.last - 1:
-                _last(frames, y, plan, g, job, tools)
+                maps = Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b])
+                _finish(form, v, i, sums, level, (state, block, limits, maps))
             else:
-                _add(frames, y, plan, g, job, tools)
+                _add(form, v, i, sums, level, (state, block))
+                if g == 0:
+                    copy_pixels(block.square, state.coarsest[: b - a])
+            _margin(g, level, state, block)
         if part.finishes:
-            _further(y, job.limits, tools, job.out)
+            _write_further(a, b, limits, block, state.margin, out)

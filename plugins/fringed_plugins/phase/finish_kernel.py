@@ -1,4 +1,4 @@
-"""Last loops of decoding: what a row's levels found becomes phase, mask and the maps that were asked for.
+"""Last loops of decoding: what a block's levels found becomes phase, mask and the maps that were asked for.
 
 Owns the reasons for which a pixel is dropped by itself; those that need its neighbours are in `cleaning`.
 """
@@ -12,7 +12,7 @@ from numba import njit
 
 from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.closed_forms import fit_at
-from fringed_plugins.phase.level_kernel import PER_TURN, ROUND, Level, Row, State, options
+from fringed_plugins.phase.level_kernel import PER_TURN, ROUND, Block, Level, State, options
 
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
@@ -53,7 +53,7 @@ def _variance(light: Any, limits: Limits) -> Any:
 
 
 class Maps(NamedTuple):
-    """Rows that are always written."""
+    """What is always written, of one block."""
 
     phase: Any
     modulation: Any
@@ -61,8 +61,8 @@ class Maps(NamedTuple):
 
 
 @njit(**options)
-def wrapped_row(rows: Any, limits: Limits, row: Row, maps: Maps) -> None:
-    """Write wrapped phase, modulation and mask of a row of one group; leave the unmasked phase in `row.turns`."""
+def write_wrapped(rows: Any, limits: Limits, block: Block, maps: Maps) -> None:
+    """Write wrapped phase, modulation and mask of a block of one group; leave the unmasked phase in `block.turns`."""
     phase, modulation, rejected = maps
     for x in range(phase.size):
         light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
@@ -76,16 +76,16 @@ def wrapped_row(rows: Any, limits: Limits, row: Row, maps: Maps) -> None:
         flag = np.int32(flag | (_LOW_MODULATION if modulation2 < least else _NONE))
         flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
         flag = np.int32(flag | (_OTHER if np.isnan(angle) else _NONE))
-        row.turns[x] = angle * PER_TURN
-        row.background[x] = light
-        row.squares[x] = square
+        block.turns[x] = angle * PER_TURN
+        block.background[x] = light
+        block.squares[x] = square
         modulation[x] = np.sqrt(modulation2)
         phase[x] = angle if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)
 
 
 @njit(**options)
-def last_level(rows: Any, level: Level, state: State, limits: Limits, row: Row, maps: Maps) -> None:
+def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Block, maps: Maps) -> None:
     """Take the finest level and write absolute phase, modulation and mask; the state stays as it was."""
     phase, modulation, rejected = maps
     wrap = limits.wrap_turns
@@ -114,18 +114,18 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, row: Row, 
         flag = np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))
         flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * state.coarsest[x] else _NONE))
         flag = np.int32(flag | (_OTHER if np.isnan(t) else _NONE))
-        row.turns[x] = t + limits.initial_rad * PER_TURN
-        row.off[x] = off
-        row.square[x] = modulation2
-        row.background[x] = light
-        row.squares[x] = squares
+        block.turns[x] = t + limits.initial_rad * PER_TURN
+        block.off[x] = off
+        block.square[x] = modulation2
+        block.background[x] = light
+        block.squares[x] = squares
         modulation[x] = np.sqrt(modulation2)
         phase[x] = t * _TWO_PI + limits.initial_rad if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)
 
 
 @njit(**options)
-def sigma_row(limits: Limits, background: Any, modulation: Any, phase: Any, sigma: Any) -> None:
+def write_sigma(limits: Limits, background: Any, modulation: Any, phase: Any, sigma: Any) -> None:
     """Write the standard deviation of the phase; NaN where there is no phase."""
     for x in range(sigma.size):
         square = modulation[x] * modulation[x] + _TINY
@@ -134,21 +134,21 @@ def sigma_row(limits: Limits, background: Any, modulation: Any, phase: Any, sigm
 
 
 @njit(**options)
-def residual_row(limits: Limits, squares: Any, residual: Any) -> None:
+def write_residual(limits: Limits, squares: Any, residual: Any) -> None:
     """Write the root mean square of the fit's residual components, in grey levels."""
     for x in range(residual.size):
         residual[x] = np.sqrt(squares[x] * limits.per_residual)
 
 
 @njit(**options)
-def confidence_row(limits: Limits, margin: Any, background: Any, confidence: Any) -> None:
+def write_confidence(limits: Limits, margin: Any, background: Any, confidence: Any) -> None:
     """Write by how many standard deviations of noise the least certain order is not the next one."""
     for x in range(confidence.size):
         confidence[x] = np.sqrt(margin[x] / (_variance(background[x], limits) + _TINY))
 
 
 @njit(**options)
-def wrap_row(turns: Any, wrapped: Any) -> None:
+def write_wrap(turns: Any, wrapped: Any) -> None:
     """Write turns as an angle, -pi to pi."""
     for x in range(wrapped.size):
         t = turns[x]

@@ -1,7 +1,7 @@
 """Inner loops of decoding: one group of frames to its phase, with the integer that the coarser groups predict.
 
 Owns what a pixel carries from level to level; `decode_kernel` owns the order of the levels. Every loop runs over a
-row in float32 without branches, so that the compiler vectorises it.
+block of pixels in float32 without branches, so that the compiler vectorises it.
 """
 
 from __future__ import annotations
@@ -21,14 +21,15 @@ _TINY = np.float32(1e-12)
 _INFINITE = np.float32(np.inf)
 PER_TURN = np.float32(0.5 / np.pi)
 ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
-options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+BLOCK_PX = 4096  # what one loop leaves for the next stays in the processor's cache
+options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 class State(NamedTuple):
-    """What a pixel carries from level to level: planes of float32, as many rows as are in work at a time.
+    """What a pixel carries from level to level: float32, one number a pixel.
 
     They are arrays of their own: of the rows of one array the compiler cannot prove that they do not overlap, and
-    the loop that it falls back to takes ten times as long. `margin` and `inverse` are (0, 0) unless a confidence is
+    the loop that it falls back to takes ten times as long. `margin` and `inverse` are empty unless a confidence is
     asked for.
     """
 
@@ -42,8 +43,8 @@ class State(NamedTuple):
     inverse: Any  # variance of the last level's turns, for a frame's variance of 1
 
 
-class Row(NamedTuple):
-    """What one loop leaves for the next one over the same row: float32, scratch."""
+class Block(NamedTuple):
+    """What one loop leaves for the next one over the same pixels: float32, scratch."""
 
     off: Any  # difference between this level and what the one before predicted, in turns
     square: Any  # squared modulation
@@ -63,25 +64,15 @@ class Level(NamedTuple):
 
 
 @njit(**options)
-def copy_row(source: Any, target: Any) -> None:
-    """Copy a row; numba's own assignment of arrays first asks whether they overlap, at ten times the cost."""
+def copy_pixels(source: Any, target: Any) -> None:
+    """Copy pixels; numba's own assignment of arrays first asks whether they overlap, at ten times the cost."""
     for x in range(target.size):
         target[x] = source[x]
 
 
 @njit(**options)
-def state_at(state: State, y: int) -> State:
-    """Return row `y` of a state; of a margin that is not wanted, an empty row."""
-    margin, inverse = state.margin[y : y + 1].ravel(), state.inverse[y : y + 1].ravel()
-    return State(
-        state.turns[y], state.misfit[y], state.squares[y], state.weakest[y], state.coarsest[y], state.saturated[y],
-        margin, inverse,
-    )  # fmt: skip
-
-
-@njit(**options)
-def begin_row(state: State, centre_turns: np.float32) -> None:
-    """Set a row's state before the first level, whose phase lies within half a turn of `centre_turns`."""
+def begin_state(state: State, centre_turns: np.float32) -> None:
+    """Set a block's state before the first level, whose phase lies within half a turn of `centre_turns`."""
     turns, misfit, squares = state.turns, state.misfit, state.squares
     weakest, saturated = state.weakest, state.saturated
     for x in range(turns.size):
@@ -93,11 +84,11 @@ def begin_row(state: State, centre_turns: np.float32) -> None:
 
 
 @njit(**options)
-def add_level(rows: Any, level: Level, state: State, row: Row) -> None:
-    """Carry the phase of a row from the level before to the one whose frames are `rows`."""
+def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -> None:
+    """Carry the phase of a block's first `count` pixels from the level before to the one whose frames are `rows`."""
     turns, misfit, squares = state.turns, state.misfit, state.squares
     weakest, saturated = state.weakest, state.saturated
-    for x in range(turns.size):
+    for x in range(count):
         _, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
         part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
         predicted = level.ratio * turns[x]
@@ -105,8 +96,8 @@ def add_level(rows: Any, level: Level, state: State, row: Row) -> None:
         off = abs(predicted - fine) * level.counts
         modulation2 = cosine * cosine + sine * sine
         turns[x] = fine
-        row.off[x] = off
-        row.square[x] = modulation2
+        block.off[x] = off
+        block.square[x] = modulation2
         misfit[x] = off if off > misfit[x] else misfit[x]
         squares[x] += square
         weakest[x] = modulation2 if modulation2 < weakest[x] else weakest[x]
@@ -114,22 +105,22 @@ def add_level(rows: Any, level: Level, state: State, row: Row) -> None:
 
 
 @njit(**options)
-def begin_margin(level: Level, state: State, row: Row) -> None:
-    """Start a row's margin with the first level's variance."""
+def begin_margin(level: Level, state: State, block: Block) -> None:
+    """Start a block's margin with the first level's variance."""
     margin, inverse = state.margin, state.inverse
     for x in range(margin.size):
         margin[x] = _INFINITE
-        inverse[x] = level.variance / (row.square[x] + _TINY)
+        inverse[x] = level.variance / (block.square[x] + _TINY)
 
 
 @njit(**options)
-def add_margin(level: Level, state: State, row: Row) -> None:
-    """Take this level's room for error into a row's margin."""
+def add_margin(level: Level, state: State, block: Block) -> None:
+    """Take this level's room for error into a block's margin."""
     margin, inverse = state.margin, state.inverse
     gain = level.ratio * level.ratio
     for x in range(margin.size):
-        mine = level.variance / (row.square[x] + _TINY)
-        room = _HALF - row.off[x]
+        mine = level.variance / (block.square[x] + _TINY)
+        room = _HALF - block.off[x]
         room = room if room > _ZERO else _ZERO
         here = room * room / (gain * inverse[x] + mine)
         margin[x] = here if here < margin[x] else margin[x]

@@ -172,7 +172,7 @@ def style_residual(group: Group) -> float:
     --------
     >>> four = tuple(np.arange(4) * np.pi / 2)
     >>> round(style_residual(Group((0, 1, 2, 3), four, 16.0, style="sawtooth")), 2)
-    0.62
+    0.5
     """
     if group.style == "sinusoidal":
         return 0.0

@@ -13,35 +13,35 @@ import numpy as np
 from numba import njit
 
 from fringed_plugins.phase.closed_forms import Sums
-from fringed_plugins.phase.level_kernel import options
+from fringed_plugins.phase.level_kernel import BLOCK_PX, options
 
 _ZERO = np.float32(0)
 
 
 @njit(**options)
-def new_sums(like: Any, normal: Any) -> Sums:
-    """Return empty sums for the rows of `like` (rows, width), whose type the pivot has."""
-    shape = like.shape
+def new_sums(like: Any, count: int, normal: Any) -> Sums:
+    """Return empty sums of `count` pixels; the pivot is of the type of `like`."""
     return Sums(
-        np.empty(shape, like.dtype), np.empty(shape, np.float32), np.empty(shape, np.float32),
-        np.empty(shape, np.float32), np.empty(shape, np.float32), np.empty(shape, np.float32), normal,
+        np.empty(count, like.dtype), np.empty(count, np.float32), np.empty(count, np.float32),
+        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32), normal,
     )  # fmt: skip
 
 
 @njit(**options)
-def sums_at(sums: Sums, y: int, normal: Any) -> Sums:
-    """Return row `y` of sums, with its group's normal matrix."""
+def sums_between(sums: Sums, start: int, stop: int, normal: Any) -> Sums:
+    """Return the sums of pixels `start` to `stop`, with their group's normal matrix."""
     return Sums(
-        sums.pivot[y], sums.light[y], sums.cosine[y], sums.sine[y], sums.square[y], sums.brightest[y], normal
+        sums.pivot[start:stop], sums.light[start:stop], sums.cosine[start:stop],
+        sums.sine[start:stop], sums.square[start:stop], sums.brightest[start:stop], normal,
     )  # fmt: skip
 
 
 @njit(**options)
 def begin_sums(first: Any, sums: Sums) -> None:
-    """Set a row's sums to nothing; `first` is the row of the frame that becomes their pivot."""
+    """Set a block's sums to nothing; `first` is the block of the frame that becomes their pivot."""
     pivot, light, cosine, sine = sums.pivot, sums.light, sums.cosine, sums.sine
     square, brightest = sums.square, sums.brightest
-    for x in range(pivot.size):
+    for x in range(first.size):
         pivot[x] = first[x]
         light[x] = _ZERO
         cosine[x] = _ZERO
@@ -52,9 +52,9 @@ def begin_sums(first: Any, sums: Sums) -> None:
 
 @njit(**options)
 def fold(rows: Any, weights: Any, sums: Sums) -> None:
-    """Add four frames' rows, less the pivot, to a row's sums; `weights` (3, 4) is their part of the fit's matrix.
+    """Add four frames, less the pivot, to a block's sums; `weights` (3, 4) is their part of the fit's matrix.
 
-    A row that stands for no frame is the pivot's, which adds nothing.
+    What stands for no frame is the pivot's, which adds nothing.
     """
     f0, f1, f2, f3 = rows
     a0, a1, a2, a3 = weights[0, 0], weights[0, 1], weights[0, 2], weights[0, 3]
@@ -62,7 +62,7 @@ def fold(rows: Any, weights: Any, sums: Sums) -> None:
     s0, s1, s2, s3 = weights[2, 0], weights[2, 1], weights[2, 2], weights[2, 3]
     pivot, light, cosine, sine = sums.pivot, sums.light, sums.cosine, sums.sine
     square, brightest = sums.square, sums.brightest
-    for x in range(pivot.size):
+    for x in range(f0.size):
         p = np.float32(pivot[x])
         d0, d1, d2, d3 = np.float32(f0[x]) - p, np.float32(f1[x]) - p, np.float32(f2[x]) - p, np.float32(f3[x]) - p
         light[x] += a0 * d0 + a1 * d1 + a2 * d2 + a3 * d3
@@ -75,11 +75,12 @@ def fold(rows: Any, weights: Any, sums: Sums) -> None:
         brightest[x] = high if high > brightest[x] else brightest[x]
 
 
-@njit(**options)
-def fold_rows(start: int, stop: int, frames: Any, begins: bool, weights: Any, sums: Sums) -> None:
-    """Add four `frames` (4, height, width) to the sums of rows `start` to `stop`; where it `begins`, from nothing."""
-    for y in range(start, stop):
-        here = sums_at(sums, y, sums.normal)
+@njit(cache=True, **options)
+def fold_blocks(start: int, stop: int, frames: Any, begins: bool, weights: Any, sums: Sums) -> None:
+    """Add four `frames` (4, pixels) to the sums of blocks `start` to `stop`; where it `begins`, from nothing."""
+    for block in range(start, stop):
+        a, b = block * BLOCK_PX, min((block + 1) * BLOCK_PX, frames.shape[1])
+        here = sums_between(sums, a, b, sums.normal)
         if begins:
-            begin_sums(frames[0, y], here)
-        fold((frames[0, y], frames[1, y], frames[2, y], frames[3, y]), weights, here)
+            begin_sums(frames[0, a:b], here)
+        fold((frames[0, a:b], frames[1, a:b], frames[2, a:b], frames[3, a:b]), weights, here)
