@@ -14,6 +14,7 @@ from numba import njit
 Float64Array = npt.NDArray[np.float64]
 UInt8Array = npt.NDArray[np.uint8]
 # 1/p and 1/p^2 with p^3 = p + 1: multiples of these fill the unit interval most evenly in two directions.
+_MARGIN_PX = 16
 _PLASTIC = (0.7548776662466927, 0.5698402909980532)
 
 
@@ -75,9 +76,11 @@ def diffuse(wanted: Float64Array, light: Float64Array) -> UInt8Array:
     >>> round(float(dots.mean()), 2)
     0.25
     """
-    out = np.empty(wanted.shape, np.uint8)
-    _diffuse(np.ascontiguousarray(wanted, np.float64), np.ascontiguousarray(light, np.float64), out)
-    return out
+    # Errors that leave at a border are lost there, and the first rows have none to start with: begin outside.
+    wide = np.pad(np.asarray(wanted, np.float64), ((_MARGIN_PX, 0), (_MARGIN_PX, _MARGIN_PX)), mode="symmetric")
+    out = np.empty(wide.shape, np.uint8)
+    _diffuse(wide, np.ascontiguousarray(light, np.float64), out)
+    return np.ascontiguousarray(out[_MARGIN_PX:, _MARGIN_PX:-_MARGIN_PX])
 
 
 def ordered(wanted: Float64Array, light: Float64Array) -> UInt8Array:
