@@ -173,11 +173,11 @@ class Feeding:
         return ((feed_id, feed) for feed_id, feed in self._feeds.items() if feed.worker == worker)
 
     def _worker_for(self, begin: FeedBegin) -> str:
-        """Return who is fed the scan's other sets already, else an idle worker; empty where all are busy."""
+        """Return who is fed the scan's other sets, or was before a retake, else an idle worker; empty without one."""
         idle = [p.name for p in self._peers.values() if p.takes_feeds and not p.jobs and p.credits > 0]
         able = [name for name in idle if self._peers[name].provides(begin.stages)]
         free = set(able) - {feed.worker for feed in self._feeds.values()}
-        same = (f.worker for f in self._feeds.values() if f.begin.scan == begin.scan and not f.ended)
+        same = (feed.worker for feed in self._feeds.values() if feed.begin.scan == begin.scan)
         return next((name for name in same if name in able), "") or next((n for n in able if n in free), "")
 
 

@@ -133,13 +133,16 @@ def test_worker_that_cannot_be_fed_gets_everything_with_the_job(why):
     assert bench.whole()[-1] == ("a", True)
 
 
-def test_retaken_set_is_another_feed_of_the_same_worker():
+@pytest.mark.parametrize("answered", [False, True])
+def test_retaken_set_is_another_feed_of_the_same_worker(answered):
     bench = Bench("a")
     bench.begin("set-1")
     bench.frames("set-1", keep_up="a")
     bench.it.feeding.drop("set-1", "its set is taken again", bench.now)
-    bench.say("a", FeedLost("set-1", "its set is taken again"))
+    if answered:
+        bench.say("a", FeedLost("set-1", "its set is taken again"))
     assert bench.begin("set-2") == "a"
+    bench.say("a", FeedLost("set-1", "its set is taken again"))
     bench.frames("set-2", keep_up="a")
     bench.submit(job("job-1", frame_set("set-2")))
     assert bench.whole() == [("a", False)]
