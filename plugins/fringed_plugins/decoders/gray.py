@@ -6,9 +6,10 @@ Owns their parameters; the algorithms are in `phase.temporal`, imported when fir
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from msgspec import Meta
 
 from fringed import __version__
 from fringed.data import FrameSet, PhaseMap
@@ -43,6 +44,11 @@ class GrayCodeDecoder:
 
     class Params(JointParams, frozen=True, kw_only=True):
         """Parameters."""
+
+        min_modulation_snr: Annotated[
+            float, Meta(ge=0, le=1e4, description="smallest mean difference of bits over its noise",
+                        extra_json_schema={"units": "1"})
+        ] = 2.5  # fmt: skip
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> PhaseMap:
         """Return the absolute phase, two cells a turn.

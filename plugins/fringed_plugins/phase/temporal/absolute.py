@@ -132,7 +132,7 @@ def decode_joint(
     check_alike(search, groups, size_px)
     seen = wrapped_phases(frames, groups, noise, thresholds, threads)
     orders = find_orders(seen.wrapped_rad, seen.modulation, seen.background, search, threads)
-    evidence = Evidence(readable(frames), groups, noise, size_px)
+    evidence = Evidence(readable(frames), groups, noise, size_px, combine=combine)
     return judged(seen, orders, evidence, thresholds, keep=keep, threads=threads)
 
 

@@ -38,6 +38,7 @@ class Evidence:
 
     `view` makes `Windows` of a part of the image from phasors, frames, background and `keep`; without one, the orders
     of the sums over all `groups` are used. Without `windows` only neighbours are asked.
+    With `combine` windows average the phase over all groups.
     """
 
     frames: Array
@@ -46,6 +47,7 @@ class Evidence:
     size_px: int
     view: View | None = None
     windows: bool = True
+    combine: bool = False
 
 
 def correct(decoded: Decoded, evidence: Evidence, thresholds: Thresholds, threads: int = 0) -> int:
@@ -131,4 +133,4 @@ def _rules(evidence: Evidence, thresholds: Thresholds) -> settle_kernel.Rules:
         (evidence.size_px - 0.5 - edge) / finest.period_px,
         finest.initial_rad,
     )
-    return settle_kernel.Rules(*map(np.float32, numbers))
+    return settle_kernel.Rules(*map(np.float32, numbers), combine=evidence.combine)

@@ -39,6 +39,7 @@ class Rules(NamedTuple):
     low_turns: np.float32
     high_turns: np.float32
     initial_rad: np.float32
+    combine: bool  # average the phase over all periods
 
 
 @njit(**options)
@@ -65,23 +66,28 @@ def _measure(i: int, j: int, parts: Any, search: Any, variance: np.float32, own:
 
 
 @njit(**options)
-def _misfit(own: Any, ratio: Any, turns: np.float32) -> np.float32:
-    """Return how badly the absolute phase `turns` fits the pixel's own phases, in variances."""
-    total = _ZERO
+def _misfit(own: Any, ratio: Any, turns: np.float32) -> Any:
+    """Return how badly an order fits the pixel's own phases, in variances, and where all of them put the phase.
+
+    The phase itself is free to move from that of the finest period, `turns`, whose noise would else count in all.
+    """
+    squares, lean, information = _ZERO, _ZERO, _ZERO
     for m in range(ratio.size):
         off = own[0, m] - ratio[m] * turns
         off -= (off + _ROUND) - _ROUND
-        total += off * off * own[1, m]
-    return total
+        squares += off * off * own[1, m]
+        lean += off * own[1, m] * ratio[m]
+        information += own[1, m] * ratio[m] * ratio[m]
+    return squares - lean * lean / information, lean / information, information
 
 
 @njit(**options)
 def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
-    """Return, of the best window that holds the pixel, its score (huge: none), absolute phase and confidence."""
+    """Return, of the best window that holds the pixel, score (huge: none), absolute phase, deviation, confidence."""
     i, j, variance = place
     height, width = view.turns.shape
     here = own[0, ratio.size - 1]
-    least, found, sure_by = _HUGE, _ZERO, _ZERO
+    least, found, sigma, sure_by = _HUGE, _ZERO, _ZERO, _ZERO
     for y in range(i - RADIUS, i + RADIUS + 1, RADIUS):
         for x in range(j - RADIUS, j + RADIUS + 1, RADIUS):
             if y < 0 or y >= height or x < 0 or x >= width:
@@ -94,13 +100,15 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
             predicted = view.turns[y, x] + right + down
             turns = here + ((predicted - here + _ROUND) - _ROUND)
             off2 = (predicted - turns) * (predicted - turns)
-            misfit = _misfit(own, ratio, turns) + off2 / (rules.factor * variance / light2 + BENT_TURNS2)
+            against, shift, information = _misfit(own, ratio, turns)
+            misfit = against + off2 / (rules.factor * variance / light2 + BENT_TURNS2)
             margin = min(view.second[y, x] - view.best[y, x], _PLENTY)
             score = misfit - _MARGIN_WEIGHT * margin
             if misfit < rules.sure2 and score < least:
-                least, found = score, turns
+                least, found = score, turns + (shift if rules.combine else _ZERO)
+                sigma = np.float32(1) / np.sqrt(information if rules.combine else own[1, ratio.size - 1])
                 sure_by = (np.sqrt(view.second[y, x]) - np.sqrt(view.best[y, x])) / np.float32(2)
-    return least, found, sure_by
+    return least, found, sigma, sure_by
 
 
 @njit(**options)
@@ -116,7 +124,7 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             level = max(decoded.background[y, x], _ZERO)
             variance = rules.noise_constant + rules.noise_slope * level
             _measure(y - offset, x, parts, search, variance, own)
-            least, turns, sure_by = _settle((y - offset, x, variance), own, view, search.ratio, rules)
+            least, turns, sigma, sure_by = _settle((y - offset, x, variance), own, view, search.ratio, rules)
             if least >= _HUGE:
                 decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
                 continue
@@ -125,6 +133,6 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             if not outside:
                 decoded.phase_rad[y, x] = turns * _TWO_PI + rules.initial_rad
                 if decoded.sigma_rad.shape[0] > 0:
-                    decoded.sigma_rad[y, x] = _TWO_PI / np.sqrt(own[1, search.ratio.size - 1])
+                    decoded.sigma_rad[y, x] = _TWO_PI * sigma
                 if decoded.confidence.shape[0] > 0:
                     decoded.confidence[y, x] = sure_by
