@@ -46,7 +46,7 @@ def unwrap(
     References
     ----------
     Herraez, Burton, Lalor, Gdeisat 2002, Applied Optics 41, 7437. The variance: Ghiglia, Pritt 1998,
-    Two-Dimensional Phase Unwrapping, section 3.3. Rounds of cheapest pairs: Boruvka 1926.
+    Two-Dimensional Phase Unwrapping, chapter 3. Rounds of cheapest pairs: Boruvka 1926.
 
     Examples
     --------
