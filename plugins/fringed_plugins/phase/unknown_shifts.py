@@ -104,7 +104,7 @@ def estimated_shifts(
         moments = _moments(frames, noise, saturation_dn, pixels)
         start = first_guess(moments.tapered, moments.noise_dn2 * moments.pixels)
         found = optimize.least_squares(
-            _residuals, start[1:] - start[0], args=(moments.plain, moments.tapered, moments.noise_dn2),
+            _residuals, start[1:] - start[0], args=(_root(moments.plain), moments.tapered, moments.noise_dn2),
             xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=_MOST_EVALUATIONS,
         )  # fmt: skip
         relative = np.concatenate([[0.0], found.x])
@@ -148,14 +148,28 @@ def _moments(frames: Array, noise: NoiseModel, saturation_dn: float, pixels: int
     return _Moments(tiles.sum(axis=0), soft.sum(axis=0), tiles, soft, number, variance)
 
 
-def _residuals(relative: Float64Array, plain: Float64Array, tapered: Float64Array, noise_dn2: float) -> Float64Array:
-    """Return what the shifts leave of the frames, in standard deviations, and how uneven C and S are."""
-    shifts = np.concatenate([[0.0], relative])
-    basis = _basis(shifts)
-    frame, _ = np.linalg.qr(np.concatenate([np.ones((len(shifts), 1)), basis], axis=1))
-    root = _root(plain)
+def _residuals(relative: Float64Array, root: Float64Array, tapered: Float64Array, noise_dn2: float) -> Float64Array:
+    """Return what the shifts leave of the frames, in standard deviations, and how uneven C and S are.
+
+    `root` root^T are the frames' moments.
+    """
+    basis, frame = _spanned(relative)
     left = (root - frame @ (frame.T @ root)) / np.sqrt(noise_dn2)
     return np.concatenate([left.ravel(), _unevenness(basis, tapered) / _UNEVEN])
+
+
+def _cost(relative: Float64Array, plain: Float64Array, tapered: Float64Array, noise_dn2: float) -> float:
+    """Return the sum of the squared residuals, from the moments alone."""
+    basis, frame = _spanned(relative)
+    left = np.trace(plain) - np.sum(frame * (plain @ frame))
+    return float(left / noise_dn2 + np.sum(_unevenness(basis, tapered) ** 2) / _UNEVEN**2)
+
+
+def _spanned(relative: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return cosines and sines (n, 2) of the shifts, and an orthonormal basis of what they and a constant span."""
+    basis = _basis(np.concatenate([[0.0], relative]))
+    frame, _ = np.linalg.qr(np.concatenate([np.ones((len(basis), 1)), basis], axis=1))
+    return basis, frame
 
 
 def _basis(shifts: Float64Array) -> Float64Array:
@@ -206,7 +220,7 @@ def _gradient(relative: Float64Array, moments: tuple[Float64Array, Float64Array,
         ahead, behind = relative.copy(), relative.copy()
         ahead[index] += step
         behind[index] -= step
-        found.append(sum(s * float(np.sum(_residuals(x, *moments) ** 2)) for s, x in ((1, ahead), (-1, behind))))
+        found.append(_cost(ahead, *moments) - _cost(behind, *moments))
     return np.array(found) / (4 * step)
 
 
