@@ -28,12 +28,12 @@ def camera_channels(light, reflectance, noise_dn=1.5, seed=0, black=2.0, gain=20
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def shots(sequence, u, reflectance=GREY, noise_dn=1.5, **kwargs):
+def shots(sequence, u, reflectance=GREY, noise_dn=1.5, seed_offset=0, **kwargs):
     """Return the FrameSet of an "rgb" camera that sees column (or row) u at each pixel."""
     taken, frames = {}, []
     for frame, pattern in zip(sequence.frames, sequence.patterns, strict=True):
         if frame.shot not in taken:
             light = light_of(pattern, u)
-            taken[frame.shot] = camera_channels(light, reflectance, noise_dn, seed=frame.shot, **kwargs)
+            taken[frame.shot] = camera_channels(light, reflectance, noise_dn, seed=frame.shot + seed_offset, **kwargs)
         frames.append(taken[frame.shot][("red", "green", "blue").index(frame.channel)])
     return FrameSet(np.array(frames), sequence, settings=CameraSettings(channel="rgb"))

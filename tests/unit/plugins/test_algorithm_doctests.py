@@ -11,6 +11,8 @@ MODULES = (
     "calibration.reference", "phase.dithering", "phase.frequencies", "phase.frequency_errors", "phase.patterns",
     "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
     "unwrap.branch_cut", "unwrap.least_squares",
+    "phase.bands", "phase.colour", "phase.crosstalk", "phase.fourier", "phase.one_shot", "phase.shift_geometry",
+    "phase.single_frame_rules", "phase.unknown_shifts", "phase.windowed_fourier",
 )  # fmt: skip
 
 
