@@ -87,9 +87,24 @@ def decode(
         return out
     part = Part(0, len(groups), finishes=True, kept=False, summed=False)
     run(stack, layout, Job(part, no_state(), no_sums(stack.dtype), limits, out), size_px is not None, threads)
-    evidence = None if size_px is None else Evidence(stack, groups, noise, size_px, windows=len(groups) > 1)
-    clean(out, groups[-1], thresholds, size_px, threads, evidence=evidence)
+    cleaned(out, stack, tuple(groups), noise, thresholds, size_px, threads)
     return out
+
+
+def cleaned(
+    out: Decoded,
+    stack: Array | None,
+    groups: tuple[Group, ...],
+    noise: NoiseModel,
+    thresholds: Thresholds,
+    size_px: int | None,
+    threads: int,
+) -> None:
+    """Do, in place, what needs a pixel's neighbours; with `stack`, the set's frames, orders may be settled too."""
+    evidence = None
+    if size_px is not None and stack is not None:
+        evidence = Evidence(stack, groups, noise, size_px, windows=len(groups) > 1)
+    clean(out, groups[-1], thresholds, size_px, threads, evidence=evidence)
 
 
 def run(stack: Array, layout: Plan, job: Job, absolute: bool, threads: int) -> None:
