@@ -22,17 +22,22 @@ COLOURS = ("red", "green", "blue")
 _GREY = {"units": "grey level"}
 
 
-class LineParams(Params, frozen=True, kw_only=True):
-    """What they have in common."""
+class GreyParams(Params, frozen=True, kw_only=True):
+    """What uniform pictures and lines have in common."""
 
-    orientation: Annotated[Orientation, Meta(description="what the phase counts: projector columns or rows")] = (
-        "columns"
-    )
     grey_low: Annotated[float, Meta(ge=0, le=255, description="darkest grey level", extra_json_schema=_GREY)] = 0.0
     grey_high: Annotated[float, Meta(ge=0, le=255, description="brightest grey level", extra_json_schema=_GREY)] = 255.0
     precompensate: Annotated[
         bool, Meta(description="make the light sinusoidal, where the projector's tone curve is known")
     ] = True
+
+
+class LineParams(GreyParams, frozen=True, kw_only=True):
+    """What lines have in common."""
+
+    orientation: Annotated[Orientation, Meta(description="what the phase counts: projector columns or rows")] = (
+        "columns"
+    )
 
 
 class Named(Protocol):
@@ -60,7 +65,7 @@ def length_px(target: ProjectorTarget, orientation: Orientation) -> int:
 
 
 def sequence_of(
-    encoder: Named, params: LineParams, target: ProjectorTarget, exposures: Sequence[Exposure]
+    encoder: Named, params: GreyParams, target: ProjectorTarget, exposures: Sequence[Exposure]
 ) -> PatternSequence:
     """Return the exposures as a sequence; frames of one exposure share one picture.
 
@@ -70,12 +75,13 @@ def sequence_of(
         grey levels or a tone curve that make no fringes.
     """
     curve = target.tone_curve if params.precompensate else None
+    orientation = params.orientation if isinstance(params, LineParams) else "columns"
     frames: list[PatternFrame] = []
     images: list[UInt8Array] = []
     try:
         patterns.check_greys(params.grey_low, params.grey_high)
         for exposure in exposures:
-            image = _image(exposure.lights, params, curve)
+            image = _image(exposure.lights, params, curve, orientation)
             frames.extend(exposure.frames)
             images.extend([image] * len(exposure.frames))
     except ValueError as error:
@@ -95,13 +101,15 @@ def sequence_of(
     )
 
 
-def _image(lights: Sequence[Float64Array | None], params: LineParams, curve: Float64Array | None) -> UInt8Array:
+def _image(
+    lights: Sequence[Float64Array | None], params: GreyParams, curve: Float64Array | None, orientation: Orientation
+) -> UInt8Array:
     length = max(light.size for light in lights if light is not None)
     flat = np.zeros((length, len(lights)), np.uint8)
     for channel, light in enumerate(lights):
         if light is not None:
             flat[:, channel] = patterns.grey_levels(light, params.grey_low, params.grey_high, curve)
-    image = flat[None] if params.orientation == "columns" else flat[:, None]
+    image = flat[None] if orientation == "columns" else flat[:, None]
     image.flags.writeable = False
     return image
 

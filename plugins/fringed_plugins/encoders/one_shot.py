@@ -13,10 +13,10 @@ import numpy as np
 from msgspec import Meta
 
 from fringed import __version__
-from fringed.data import Channel, Float64Array, PatternFrame, PatternSequence
+from fringed.data import Channel, Orientation, PatternFrame, PatternSequence
 from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
-from fringed_plugins.encoders.lines import Exposure, LineParams, length_px, sequence_of, uniform
+from fringed_plugins.encoders.lines import Exposure, GreyParams, LineParams, length_px, sequence_of, uniform
 from fringed_plugins.phase import patterns
 from fringed_plugins.phase.single_frame_rules import check_carriers
 
@@ -80,7 +80,7 @@ class OneShotPhaseShiftEncoder:
             lights.append(patterns.sinusoid(length, frames[-1].period_px, phase))
         exposures = [Exposure(tuple(frames), tuple(lights))]
         if params.white:
-            exposures.append(_uniform_shot(params, length, group=1, shot=1, lights=(1.0, 1.0, 1.0)))
+            exposures.append(_uniform_shot(params.orientation, 1, length, (1.0, 1.0, 1.0)))
         return sequence_of(self, params, target, exposures)
 
 
@@ -145,7 +145,7 @@ class ColourBarsEncoder:
     summary: ClassVar[str] = "uniform black, red, green, blue and white, for the colour crosstalk"
     decoders: ClassVar[tuple[str, ...]] = ("crosstalk",)
 
-    class Params(LineParams, frozen=True, kw_only=True):
+    class Params(GreyParams, frozen=True, kw_only=True):
         """Parameters. A grey, not coloured, surface in view; no pixel saturated in white."""
 
     def encode(self, params: Params, target: ProjectorTarget) -> PatternSequence:
@@ -156,18 +156,15 @@ class ColourBarsEncoder:
         UsageError
             grey levels without contrast.
         """
-        length = length_px(target, params.orientation)
         colours = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1))
-        shots = [
-            _uniform_shot(params, length, group=shot, shot=shot, lights=lights) for shot, lights in enumerate(colours)
-        ]
+        shots = [_uniform_shot("columns", shot, target.width_px, lights) for shot, lights in enumerate(colours)]
         return sequence_of(self, params, target, shots)
 
 
-def _uniform_shot(params: LineParams, length: int, *, group: int, shot: int, lights: Sequence[float]) -> Exposure:
+def _uniform_shot(orientation: Orientation, shot: int, length: int, lights: Sequence[float]) -> Exposure:
+    """Return the frames of a uniform picture, a group of their own."""
     frames = tuple(
-        PatternFrame("uniform", params.orientation, step=step, group=group, channel=channel, shot=shot)
+        PatternFrame("uniform", orientation, step=step, group=shot, channel=channel, shot=shot)
         for step, channel in enumerate(CHANNELS)
     )
-    lines: tuple[Float64Array, ...] = tuple(uniform(length, light) for light in lights)
-    return Exposure(frames, lines)
+    return Exposure(frames, tuple(uniform(length, light) for light in lights))
