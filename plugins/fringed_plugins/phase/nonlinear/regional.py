@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
+from fringed_plugins.phase.nonlinear.blur import blur_indicator
 from fringed_plugins.phase.nonlinear.correct_kernel import remove_rows
 from fringed_plugins.phase.nonlinear.regional_fit import Fit, Fringes
 
@@ -25,8 +26,8 @@ Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 
 _ROUNDS = 12
-_PLAIN_ROUNDS = 3  # with the same harmonics everywhere, until the modulations are free of ripple
-_BLUR_WINDOW_PX = 15
+_PLAIN_ROUNDS = 3  # with the same harmonics everywhere, so that wrong orders are out before details count
+_BLUR_RATIO = 8.0  # how much coarser the fringes are, ideally, whose modulation the fine one's is compared with
 _SETTLED_RAD = 1e-4
 
 
@@ -59,8 +60,9 @@ def estimate_harmonics(
     """Return the harmonics of the error of `fine`, whose absolute phase is `phase_rad` (height, width), NaN where none.
 
     Measured = true + angle(1 + sum_k q_k exp(-i k N true)), k = 1, 2, 3, which holds for an error of any size and any
-    odd shape; q_k is a polynomial of `blur_terms` (1 to 3) coefficients in the blur indicator. Gauss-Newton on the
-    differences of `coarser` to what `phase_rad` predicts for them; outliers, such as wrong fringe orders, are left out.
+    odd shape that leaves the measured phase rising; q_k is a polynomial of `blur_terms` (1 to 3) coefficients in the
+    blur indicator. Gauss-Newton on the differences of `coarser` to what `phase_rad` predicts for them; outliers, such
+    as wrong fringe orders, are left out.
 
     Raises
     ------
@@ -89,18 +91,24 @@ def estimate_harmonics(
     if blur_terms not in (1, 2, 3):
         raise ValueError(f"{blur_terms} blur terms; 1 (the same everywhere), 2 or 3")
     fit = Fit((fine, *coarser), phase_rad)
-    indicator = np.zeros(phase_rad.shape, np.float32)
+    nearest = min(coarser, key=lambda group: abs(float(np.log(group.period_px / fine.period_px / _BLUR_RATIO))))
+    pair = [(group.vector, group.steps) for group in (fine, nearest)]
+    indicator = blur_indicator(pair[0], pair[1], np.isfinite(phase_rad))
+    fit.place_blur(indicator)
     before, reason = 0.0, f"it still changes after {_ROUNDS} rounds"
     for number in range(_ROUNDS):
-        follows_blur = number >= _PLAIN_ROUNDS and blur_terms > 1
-        if follows_blur and number < _ROUNDS - 4:  # the last rounds settle on one indicator
-            indicator = blur_indicator(*fit.clean_modulations(), np.isfinite(phase_rad))
-            fit.place_blur(indicator)
-        change = fit.improve(blur_terms if follows_blur else 1)
+        change = fit.improve(1 if number < _PLAIN_ROUNDS else blur_terms)
         before = before or fit.disagreement_rad[0]
         if number > _PLAIN_ROUNDS and change < max(_SETTLED_RAD, 0.1 * fit.deviation_rad):
             reason = ""
             break
+    limit = 1 / (fine.steps + 1)
+    if fit.largest() > limit:
+        reason = (
+            f"the strongest harmonic is {fit.largest():.2f} of the fundamental; from {limit:.2f} on the phase of "
+            f"{fine.steps} steps rises and falls within a ripple, and several columns share one measured phase: take "
+            "more steps, or compensate with a tone curve before projecting"
+        )
     return RegionalHarmonics(
         series=fit.series[0].copy(),
         steps=fine.steps,
@@ -114,18 +122,6 @@ def estimate_harmonics(
         converged=not reason,
         reason=reason,
     )
-
-
-def blur_indicator(fine: Float32Array, coarse: Float32Array, valid: npt.NDArray[np.bool_]) -> Float32Array:
-    """Return the logarithm of fine over coarse modulation, averaged over 15 x 15 `valid` pixels; 0 where none are."""
-    from scipy.ndimage import uniform_filter
-
-    good = valid & (fine > 0) & (coarse > 0)
-    ratio = np.zeros(fine.shape, np.float32)
-    ratio[good] = np.log(fine[good] / coarse[good])
-    weight = uniform_filter(good.astype(np.float32), _BLUR_WINDOW_PX, mode="constant")
-    total = uniform_filter(ratio, _BLUR_WINDOW_PX, mode="constant")
-    return np.asarray(np.where(weight > 1e-4, total / np.maximum(weight, np.float32(1e-4)), 0.0), np.float32)
 
 
 def remove(phase_rad: Float32Array, harmonics: RegionalHarmonics, threads: int = 0) -> Float32Array:

@@ -22,7 +22,6 @@ MIN_PIXELS = 500
 _LEAST_SPREAD = 0.01  # of the indicator: below it the blur is the same everywhere
 _LARGEST = 0.3  # of the fundamental: what a harmonic is before anything is measured
 _INVERSIONS = 12
-_BLUR_RATIO = 8.0  # how much coarser the fringes are, ideally, whose modulation the fine one's is compared with
 _OUTLIER = 5 * 1.4826  # medians of absolute deviations
 
 
@@ -55,12 +54,10 @@ class Fit:
         if len(found) < MIN_PIXELS:
             raise ValueError(f"{len(found)} pixels have a phase; {MIN_PIXELS} or more tell harmonics apart")
         self._at = found[:: -(-len(found) // MOST_PIXELS)]
-        self._groups, self._phase_rad = groups, phase_rad
+        self._groups = groups
         self._measured = phase_rad.ravel()[self._at].astype(np.float64)
         self._vectors = [group.vector.ravel()[self._at].astype(np.complex128) for group in groups]
         self._place = np.zeros(len(self._at))
-        ratios = [abs(float(np.log(group.period_px / fine.period_px / _BLUR_RATIO))) for group in groups[1:]]
-        self._coarse = 1 + int(np.argmin(ratios))
         self.series = np.zeros((len(groups), MULTIPLES, POWERS))
         self.centre, self.spread = 0.0, 1.0
         self.error_rad = np.zeros(len(self._at))
@@ -76,12 +73,12 @@ class Fit:
         """Take the blur indicator (height, width): -1 ... 1 over the middle 96 % of the pixels."""
         values = indicator.ravel()[self._at].astype(np.float64)
         low, high = (float(value) for value in np.percentile(values, (2, 98)))
-        old = self._harmonics()
         self.centre, self.spread = (low + high) / 2, max((high - low) / 2, _LEAST_SPREAD)
         self._place = np.clip((values - self.centre) / self.spread, -1, 1)
-        powers = self._powers(POWERS)
-        for g, wanted in enumerate(old):  # what was found so far, on the new scale
-            self.series[g] = np.linalg.lstsq(powers, wanted.T, rcond=1e-6)[0].T
+
+    def largest(self) -> float:
+        """Return the largest first harmonic of the finest frequency, over the middle 96 % of the pixels."""
+        return float(np.percentile(np.abs(self._harmonics()[0, 0]), 98))
 
     def improve(self, terms: int) -> float:
         """Do one round of Gauss-Newton with `terms` powers of the indicator; return the error's RMS change (rad)."""
@@ -106,10 +103,6 @@ class Fit:
         first, last = (np.concatenate([getattr(rows, name) for rows in equations]) for name in ("first_rad", "off_rad"))
         self.disagreement_rad = (float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(last**2))))
         return float(np.sqrt(np.mean((design @ change[:count]) ** 2)))
-
-    def clean_modulations(self) -> tuple[Float32Array, Float32Array]:
-        """Return fine and coarse modulation (height, width) without the ripple that harmonics leave in them."""
-        return self._flat(0), self._flat(self._coarse)
 
     def _equations(
         self, g: int, values: Float64Array, fine: tuple[Float64Array, Float64Array], powers: Float64Array
@@ -167,10 +160,3 @@ class Fit:
         k = np.arange(1, MULTIPLES + 1)[:, None]
         waves = np.exp(-1j * k * self._groups[g].steps * phase)
         return np.asarray((waves / self._error_vector(g, values, phase)).imag)
-
-    def _flat(self, g: int) -> Float32Array:
-        fine, group = self._groups[0], self._groups[g]
-        at = (self._phase_rad - np.float32(fine.initial_rad)) * np.float32(fine.period_px / group.period_px)
-        q = [np.float32(np.median(values)) for values in self._harmonics()[g]]
-        turn = np.exp(np.complex64(-1j * group.steps) * (np.nan_to_num(at) + np.float32(group.initial_rad)))
-        return np.asarray(np.abs(group.vector) / np.abs(1 + turn * (q[0] + turn * (q[1] + turn * q[2]))), np.float32)
