@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from fringed.data import FrameSet, PatternSequence, PhaseMap
 from fringed.errors import DataError
-from fringed.hookspecs import Context
+from fringed.hookspecs import Context, FrameSetStart
 from fringed_plugins.decoders.common import DecoderParams, full_scale_dn, sensor_noise, thresholds
 from fringed_plugins.decoders.masks import mask_limits
 
@@ -106,7 +106,7 @@ def parts_of(sequence: PatternSequence, orientation: str) -> Parts:
     return Parts(found_groups, bits, next(iter(groups.values()))[0], size_px)
 
 
-def order_thresholds(frame_set: FrameSet, params: OrderParams, orientation: str) -> Thresholds:
+def order_thresholds(frame_set: FrameSet | FrameSetStart, params: OrderParams, orientation: str) -> Thresholds:
     """Return the thresholds in the frames' own grey levels."""
     masks = mask_limits(
         params, full_scale_dn(frame_set), order_median_px=params.order_median_px, repeated=params.drop_repeated,

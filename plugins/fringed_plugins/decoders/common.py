@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from fringed.data import CameraSettings, FrameSet, PatternFrame, PatternSequence, PhaseMap
 from fringed.errors import DataError
+from fringed.hookspecs import FrameSetStart
 from fringed_plugins.decoders.masks import MaskParams, mask_limits
 
 if TYPE_CHECKING:
@@ -91,19 +92,20 @@ def projector_size_px(sequence: PatternSequence) -> int:
     return sequence.width_px if sequence.frames[0].orientation == "columns" else sequence.height_px
 
 
-def full_scale_dn(frame_set: FrameSet) -> float:
-    """Return the grey level of a saturated pixel."""
-    if frame_set.frames.dtype == np.uint8:
+def full_scale_dn(source: FrameSet | FrameSetStart) -> float:
+    """Return the grey level of a saturated pixel, of a set or of one that begins."""
+    kind = source.frames.dtype if isinstance(source, FrameSet) else np.dtype(source.dtype)
+    if kind == np.uint8:
         return 255.0
-    bits = frame_set.settings.bits
+    bits = source.settings.bits
     return float(2 ** (bits if bits > 8 else 16) - 1)
 
 
-def thresholds(frame_set: FrameSet, params: DecoderParams) -> Thresholds:
+def thresholds(source: FrameSet | FrameSetStart, params: DecoderParams) -> Thresholds:
     """Return the thresholds in the frames' own grey levels."""
     from fringed_plugins.phase.decoded import Thresholds
 
-    full = full_scale_dn(frame_set)
+    full = full_scale_dn(source)
     return Thresholds(
         saturation_dn=full,
         modulation_dn=params.min_modulation_dn * full / 255,
@@ -115,19 +117,28 @@ def thresholds(frame_set: FrameSet, params: DecoderParams) -> Thresholds:
     )
 
 
-def sensor_noise(frame_set: FrameSet, group: Group) -> NoiseModel:
-    """Return the camera's noise model, estimated from the frames where the settings do not know it."""
-    from fringed_plugins.phase.noise import NoiseModel, estimate_noise
+def known_noise(settings: CameraSettings) -> NoiseModel | None:
+    """Return the noise that the camera's settings tell, or None."""
+    from fringed_plugins.phase.noise import NoiseModel
 
-    settings: CameraSettings = frame_set.settings
     if settings.electrons_per_dn > 0:
         return NoiseModel.from_sensor(settings.electrons_per_dn, settings.read_noise_electrons)
-    return estimate_noise(frame_set.frames, group, frame_set.sequence.frames[0].orientation)
+    return None
+
+
+def sensor_noise(frame_set: FrameSet, group: Group) -> NoiseModel:
+    """Return the camera's noise model, estimated from the group's frames where the settings do not know it."""
+    from fringed_plugins.phase.noise import estimate_noise
+
+    known = known_noise(frame_set.settings)
+    orientation = frame_set.sequence.frames[group.frames[0]].orientation
+    return known if known is not None else estimate_noise(frame_set.frames, group, orientation)
 
 
 def phase_map_of(decoded: Decoded, kind: Any, group: Group, frame_set: FrameSet) -> PhaseMap:
     """Return the decoded arrays as a PhaseMap of `group`."""
-    first: PatternFrame = frame_set.sequence.frames[0]
+    sequence = frame_set.sequence
+    first: PatternFrame = sequence.frames[group.frames[0]]
     return PhaseMap(
         phase_rad=decoded.phase_rad,
         modulation=decoded.modulation,
@@ -137,7 +148,8 @@ def phase_map_of(decoded: Decoded, kind: Any, group: Group, frame_set: FrameSet)
         period_px=group.period_px,
         orientation=first.orientation,
         initial_phase_rad=group.initial_rad,
-        projector_px=projector_size_px(frame_set.sequence),
+        projector_px=sequence.width_px if first.orientation == "columns" else sequence.height_px,
         sigma_rad=decoded.sigma_rad,
         wrapped_rad=decoded.wrapped_rad if decoded.wrapped_rad.size else None,
+        confidence=decoded.confidence if decoded.confidence.size else None,
     )

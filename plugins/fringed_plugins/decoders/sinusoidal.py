@@ -7,27 +7,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta
 
 from fringed import __version__
-from fringed.data import Array, FrameSet, PhaseMap
+from fringed.data import FrameSet, PatternSequence, PhaseMap
 from fringed.errors import DataError
 from fringed.hookspecs import Context, FrameSetStart
+from fringed_plugins.decoders.absolute import JointParams, order_thresholds, parts_of
 from fringed_plugins.decoders.common import (
     DecoderParams,
     checked_frames,
     phase_map_of,
-    projector_size_px,
     sensor_noise,
-    sinusoidal_groups,
     thresholds,
 )
+from fringed_plugins.decoders.streaming import SumsSink, Work
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.decoded import Decoded, Thresholds
     from fringed_plugins.phase.shifts import Group
 
 
@@ -55,6 +54,9 @@ class PhaseShiftDecoder:
         group: Annotated[
             int, Meta(ge=-1, le=63, description="frequency to decode, coarse to fine; -1: the finest")
         ] = -1  # fmt: skip
+        orientation: Annotated[
+            Literal["auto", "columns", "rows"], Meta(description="fringes to decode; auto: the only ones there are")
+        ] = "auto"
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> PhaseMap:
         """Return the wrapped phase.
@@ -62,17 +64,12 @@ class PhaseShiftDecoder:
         Raises
         ------
         DataError
-            frames that are no sinusoids, or a group that is not there.
+            frames that are no fringes, or a group that is not there.
         """
         frame_set = checked_frames(inputs, self.name)
-        groups = sinusoidal_groups(frame_set.sequence)
-        if params.group >= len(groups):
-            raise DataError(f"group {params.group} is wanted; the set has {len(groups)}: 0 to {len(groups) - 1}, or -1")
-        chosen = groups[params.group]
-        decoded = _decode(frame_set, [chosen], thresholds(frame_set, params), None, params.keep_wrapped, context)
-        return phase_map_of(decoded, "wrapped", chosen, frame_set)
+        return _decode(frame_set, _wrapped_work(frame_set, params), context)
 
-    def begin(self, start: FrameSetStart, params: Params, context: Context) -> FrameSumSink:
+    def begin(self, start: FrameSetStart, params: Params, context: Context) -> SumsSink:
         """Return what takes the frames while they arrive.
 
         Raises
@@ -80,8 +77,7 @@ class PhaseShiftDecoder:
         DataError
             as `run` does for the sequence.
         """
-        sinusoidal_groups(start.sequence)
-        return FrameSumSink(self, params)
+        return SumsSink(start, _wrapped_work(start, params), context)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -108,7 +104,7 @@ class MultiFrequencyDecoder:
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = PhaseMap
 
-    class Params(DecoderParams, frozen=True, kw_only=True):
+    class Params(JointParams, frozen=True, kw_only=True):
         """Parameters."""
 
         max_order_error: Annotated[
@@ -124,15 +120,6 @@ class MultiFrequencyDecoder:
             float,
             Meta(ge=0, le=1, description="finest over coarsest modulation: less is a mixed pixel; 0: off"),
         ] = 0.2
-        edge_px: Annotated[
-            float,
-            Meta(
-                ge=0,
-                le=100,
-                description="columns dropped at the projector's border",
-                extra_json_schema={"units": "px"},
-            ),
-        ] = 0.5
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> PhaseMap:
         """Return the absolute phase.
@@ -140,21 +127,12 @@ class MultiFrequencyDecoder:
         Raises
         ------
         DataError
-            frames that are no sinusoids, or frequencies that cannot be unwrapped.
+            frames that are no fringes, or frequencies that cannot be unwrapped.
         """
         frame_set = checked_frames(inputs, self.name)
-        groups = sinusoidal_groups(frame_set.sequence)
-        limits = replace(
-            thresholds(frame_set, params),
-            order_turns=params.max_order_error,
-            modulation_drop=params.min_modulation_ratio,
-            edge_px=params.edge_px,
-        )
-        size_px = projector_size_px(frame_set.sequence)
-        decoded = _decode(frame_set, groups, limits, size_px, params.keep_wrapped, context)
-        return phase_map_of(decoded, "absolute", groups[-1], frame_set)
+        return _decode(frame_set, _absolute_work(frame_set, params), context)
 
-    def begin(self, start: FrameSetStart, params: Params, context: Context) -> FrameSumSink:
+    def begin(self, start: FrameSetStart, params: Params, context: Context) -> SumsSink:
         """Return what takes the frames while they arrive.
 
         Raises
@@ -162,8 +140,7 @@ class MultiFrequencyDecoder:
         DataError
             as `run` does for the sequence.
         """
-        sinusoidal_groups(start.sequence)
-        return FrameSumSink(self, params)
+        return SumsSink(start, _absolute_work(start, params), context)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -171,52 +148,76 @@ class MultiFrequencyDecoder:
         warm_up_kernels()
 
 
-class FrameSumSink:
-    """The state of one run that takes its frames while they arrive."""
+def _groups(sequence: PatternSequence, orientation: str) -> list[Group]:
+    """Return the groups of fringes of one orientation, coarse to fine.
 
-    def __init__(self, decoder: PhaseShiftDecoder | MultiFrequencyDecoder, params: Any) -> None:
-        self._decoder = decoder
-        self._params = params
+    Raises
+    ------
+    DataError
+        there are none.
+    """
+    groups = parts_of(sequence, orientation).groups
+    if not groups:
+        raise DataError(f"patterns of family {sequence.family!r} have no group of fringes with a period")
+    return groups
 
-    def add(self, index: int, image: Array) -> None:
-        """Take frame `index`."""
 
-    def finish(self, frame_set: FrameSet, context: Context) -> PhaseMap:
-        """Return the phase map of the finished set."""
-        return self._decoder.run({"frames": frame_set}, self._params, context)
+def _wrapped_work(source: FrameSet | FrameSetStart, params: PhaseShiftDecoder.Params) -> Work:
+    from fringed_plugins.phase.decode import Keep
+
+    groups = _groups(source.sequence, params.orientation)
+    if params.group >= len(groups):
+        raise DataError(f"group {params.group} is wanted; the set has {len(groups)}: 0 to {len(groups) - 1}, or -1")
+    return Work((groups[params.group],), thresholds(source, params), None, Keep(wrapped=params.keep_wrapped))
 
 
-def _decode(
-    frame_set: FrameSet,
-    groups: list[Group],
-    limits: Thresholds,
-    size_px: int | None,
-    keep_wrapped: bool,
-    context: Context,
-) -> Decoded:
+def _absolute_work(source: FrameSet | FrameSetStart, params: MultiFrequencyDecoder.Params) -> Work:
+    from fringed_plugins.phase.decode import Keep
+
+    parts = parts_of(source.sequence, params.orientation)
+    groups = _groups(source.sequence, params.orientation)
+    limits = replace(
+        order_thresholds(source, params, source.sequence.frames[parts.first].orientation),
+        order_turns=params.max_order_error,
+        modulation_drop=params.min_modulation_ratio,
+    )
+    keep = Keep(wrapped=params.keep_wrapped, confidence=params.keep_confidence)
+    return Work(tuple(groups), limits, parts.size_px, keep)
+
+
+def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
     from fringed_plugins.phase.decode import decode
+    from fringed_plugins.phase.noise import noise_group
 
     context.check_cancelled()
     try:
-        return decode(
+        decoded = decode(
             frame_set.frames,
-            groups,
-            sensor_noise(frame_set, groups[-1]),
-            limits,
-            size_px,
-            keep_wrapped=keep_wrapped,
+            work.groups,
+            sensor_noise(frame_set, noise_group(work.groups)),
+            work.thresholds,
+            work.size_px,
+            keep=work.keep,
             threads=context.threads,
         )
     except ValueError as error:
         raise DataError(f"the set {frame_set.id or 'without id'} cannot be decoded: {error}") from error
+    return phase_map_of(decoded, work.kind, work.groups[-1], frame_set)
 
 
 def warm_up_kernels() -> None:
-    """Compile or load the decoding kernels for 8-bit frames."""
-    from fringed_plugins.phase.decode import decode
+    """Compile or load the decoding kernels for 8-bit frames: the whole and the streamed, closed forms and sums."""
+    from fringed_plugins.phase.accumulate import Accumulator
     from fringed_plugins.phase.decoded import Thresholds
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 
-    group = Group((0, 1, 2, 3), tuple(np.arange(4) * np.pi / 2), 8.0)
-    decode(np.zeros((4, 8, 8), np.uint8), [group], NoiseModel(1.0, 0.0), Thresholds(), threads=1)
+    noise, limits = NoiseModel(1.0, 0.0), Thresholds(window_snr=0.0)
+    coarse = Group(tuple(range(5)), tuple(np.arange(5) * 2 * np.pi / 5), 8.0)
+    fine = Group(tuple(range(5, 9)), tuple(np.arange(4) * np.pi / 2), 2.0)
+    frame = np.zeros((8, 8), np.uint8)
+    for groups, size_px in (((coarse,), None), ((coarse, fine), 8)):
+        sums = Accumulator((8, 8), np.uint8, groups, limits, size_px, threads=1)
+        for index in range(9):
+            sums.add(index, frame)
+        sums.finish(noise)

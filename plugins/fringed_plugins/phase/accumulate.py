@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.phase.closed_forms import Sums
-from fringed_plugins.phase.decode import Keep, cleaned, empty, no_state, no_sums, prepare, run
+from fringed_plugins.phase.decode import STANDARD, Keep, cleaned, empty, no_state, no_sums, prepare, run
 from fringed_plugins.phase.decode_kernel import Job, Part
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.level_kernel import BLOCK_PX, State
@@ -34,7 +34,9 @@ class GroupFrames:
     Bytes are smaller than sums of floats, so that up to six frames are quicker kept than added up.
     """
 
-    def __init__(self, group: Group, shape: tuple[int, int], kind: np.dtype[Any], *, absolute: bool, threads: int):
+    def __init__(
+        self, group: Group, shape: tuple[int, int], kind: np.dtype[Any], *, absolute: bool, threads: int
+    ) -> None:
         closed = closed_form(group.shifts_rad)
         self.closed = closed is not None and (absolute or closed[1] == 0)
         order = closed[0] if closed is not None and self.closed else range(len(group.frames))
@@ -48,8 +50,8 @@ class GroupFrames:
         nothing = np.empty(0, np.float32)
         self.sums = no_sums(kind)
         if not self.closed:
-            planes = [np.empty(pixels, np.float32) for _ in range(5)]
-            self.sums = Sums(np.empty(pixels, kind), *planes, nothing)
+            light, cosine, sine, square, brightest = (np.empty(pixels, np.float32) for _ in range(5))
+            self.sums = Sums(np.empty(pixels, kind), light, cosine, sine, square, brightest, nothing)
         self._begun = False
 
     @property
@@ -116,7 +118,7 @@ class Accumulator:
         thresholds: Thresholds,
         size_px: int | None = None,
         *,
-        keep: Keep = Keep(),
+        keep: Keep = STANDARD,
         threads: int = 0,
     ) -> None:
         self._groups, self._thresholds, self._size_px = tuple(groups), thresholds, size_px
@@ -170,7 +172,7 @@ class Accumulator:
         out = empty(self._shape, self._keep, absolute=self._size_px is not None)
         if out.rejected.size:
             self._level(len(self._groups) - 1, noise, out)
-            cleaned(out, frames, self._groups, noise, self._thresholds, self._size_px, self._threads)
+            cleaned(out, frames, self._groups, noise, self._thresholds, size_px=self._size_px, threads=self._threads)
         return out
 
     def _level(self, g: int, noise: NoiseModel, out: Decoded) -> None:

@@ -47,6 +47,7 @@ class Keep:
     confidence: bool = False
 
 
+STANDARD = Keep()
 LEAN = Keep(sigma=False, background=False)
 
 
@@ -57,7 +58,7 @@ def decode(
     thresholds: Thresholds,
     size_px: int | None = None,
     *,
-    keep: Keep = Keep(),
+    keep: Keep = STANDARD,
     keep_wrapped: bool = False,
     threads: int = 0,
 ) -> Decoded:
@@ -87,7 +88,7 @@ def decode(
         return out
     part = Part(0, len(groups), finishes=True, kept=False, summed=False)
     run(stack, layout, Job(part, no_state(), no_sums(stack.dtype), limits, out), size_px is not None, threads)
-    cleaned(out, stack, tuple(groups), noise, thresholds, size_px, threads)
+    cleaned(out, stack, tuple(groups), noise, thresholds, size_px=size_px, threads=threads)
     return out
 
 
@@ -97,6 +98,7 @@ def cleaned(
     groups: tuple[Group, ...],
     noise: NoiseModel,
     thresholds: Thresholds,
+    *,
     size_px: int | None,
     threads: int,
 ) -> None:

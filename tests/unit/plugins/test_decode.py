@@ -244,9 +244,9 @@ def test_coarsest_frequency_of_several_periods_is_refused():
 
 def test_frames_that_are_no_fringes_are_refused():
     frame_set = base()
-    other = tuple(replace(frame, style="gray") for frame in frame_set.sequence.frames)
+    other = tuple(replace(frame, style="spiral") for frame in frame_set.sequence.frames)
     strange = replace(frame_set, sequence=replace(frame_set.sequence, frames=other))
-    with pytest.raises(DataError, match="style 'gray'"):
+    with pytest.raises(DataError, match="style 'spiral'"):
         absolute(strange)
 
 
@@ -255,7 +255,7 @@ def test_two_orientations_in_one_set_are_refused():
     frames = list(frame_set.sequence.frames)
     frames[8:] = [replace(frame, orientation="rows") for frame in frames[8:]]
     strange = replace(frame_set, sequence=replace(frame_set.sequence, frames=tuple(frames)))
-    with pytest.raises(DataError, match="along columns and along rows"):
+    with pytest.raises(DataError, match="along columns and rows"):
         absolute(strange)
 
 
