@@ -122,10 +122,12 @@ def _by_windows(
 
 def _rules(evidence: Evidence, thresholds: Thresholds) -> settle_kernel.Rules:
     finest, noise, edge = evidence.groups[-1], evidence.noise, thresholds.edge_px
+    factor = phase_variance_factor(finest.shifts_rad)
     numbers = (
         noise.constant_dn2,
         noise.slope_dn,
-        phase_variance_factor(finest.shifts_rad) / (2 * np.pi) ** 2,
+        factor / (2 * np.pi) ** 2,
+        2 * factor,
         thresholds.window_snr**2,
         thresholds.modulation_dn,
         SURE_SIGMAS**2,

@@ -91,9 +91,8 @@ class Viewer:
         sums = np.stack([windows.summed(one) for one in differ])
         maps = (windows.summed(parts.cosine[-1]), windows.summed(parts.sine[-1]), windows.summed(keep), background)
         slopes = windows.slopes_of(parts)
-        out = windows.Windows(
-            np.zeros(shape, np.float32), *slopes, *(np.zeros(shape, np.float32) for _ in range(3))
-        )  # fmt: skip
+        turns, best, second, light = (np.zeros(shape, np.float32) for _ in range(4))
+        out = windows.Windows(turns, *slopes, best, second, light, windows.power_of(parts, maps[2]))
         factor = np.float32(phase_variance_factor(self.finest.shifts_rad) / (2 * np.pi) ** 2)
         numbers = (np.float32(part), factor, np.float32(self.finest.initial_rad / (2 * np.pi)))
         _orders(sums, maps, numbers, (self.layout, ruler(self.bits.code, self.finest.period_px)), out)

@@ -24,6 +24,9 @@ _PER_TURN = np.float32(0.5 / np.pi)
 _ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
 _HUGE = np.float32(1e30)
 _PLENTY = np.float32(200.0)
+_LIT_PART = np.float32(0.55)
+_OWN_PART = np.float32(0.4)  # of a window's squared modulation, mean of all periods: noise alone has less
+_OWN_PART_ALONE = np.float32(0.15)  # ... of one period, which noise can take away
 _MARGIN_WEIGHT = np.float32(0.1)
 
 
@@ -33,6 +36,7 @@ class Rules(NamedTuple):
     noise_constant: np.float32
     noise_slope: np.float32
     factor: np.float32  # variance of the finest phase (turns^2): factor * noise variance / modulation^2
+    noise_power: np.float32  # mean square of the modulation that is noise, over the noise's variance
     least_snr2: np.float32  # smallest squared modulation of a window over the noise's variance
     least_dn: np.float32
     sure2: np.float32
@@ -57,12 +61,13 @@ def doubtful_rows(start: int, stop: int, decoded: Any, rules: Any, counts: Any) 
 
 @njit(**options)
 def _measure(i: int, j: int, parts: Any, search: Any, variance: np.float32, own: Any) -> None:
-    """Write the pixel's own phases (turns) and their inverse variances."""
+    """Write the pixel's own phases (turns), their inverse variances, and squared modulations."""
     cosine, sine = parts
     for m in range(search.ratio.size):
         c, s = cosine[m, i, j], sine[m, i, j]
         own[0, m] = fast_atan2(s, c) * _PER_TURN - search.initial_turns[m]
-        own[1, m] = (c * c + s * s) / (search.factor[m] * variance + np.float32(1e-12))
+        own[2, m] = c * c + s * s
+        own[1, m] = own[2, m] / (search.factor[m] * variance + np.float32(1e-12))
 
 
 @njit(**options)
@@ -87,6 +92,11 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
     i, j, variance = place
     height, width = view.turns.shape
     here = own[0, ratio.size - 1]
+    noise = rules.noise_power * variance
+    lit = view.power[i, j] - noise
+    seen, part = _ZERO, (_OWN_PART if ratio.size > 1 else _OWN_PART_ALONE) * np.float32(ratio.size)
+    for m in range(ratio.size):
+        seen += own[2, m]
     least, found, sigma, sure_by = _HUGE, _ZERO, _ZERO, _ZERO
     for y in range(i - RADIUS, i + RADIUS + 1, RADIUS):
         for x in range(j - RADIUS, j + RADIUS + 1, RADIUS):
@@ -94,7 +104,9 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
                 continue
             light2 = view.modulation[y, x] * view.modulation[y, x]
             sure = view.best[y, x] < rules.sure2 and view.second[y, x] > rules.sure2
-            if not sure or light2 < rules.least_snr2 * variance:
+            # A pixel outside of what is lit has less light around it than the windows that reach in.
+            dark = lit < _LIT_PART * (view.power[y, x] - noise) or seen < part * light2
+            if not sure or dark or light2 < rules.least_snr2 * variance:
                 continue
             right, down = np.float32(j - x) * view.slope_x[y, x], np.float32(i - y) * view.slope_y[y, x]
             predicted = view.turns[y, x] + right + down
@@ -115,7 +127,7 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
 def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rules: Any) -> None:
     """Take the windows' word in `rows` (first, last, and the first row of `parts`)."""
     first, stop, offset = rows
-    own = np.empty((2, search.ratio.size), np.float32)
+    own = np.empty((3, search.ratio.size), np.float32)
     for y in range(first, stop):
         for x in range(decoded.rejected.shape[1]):
             flags = decoded.rejected[y, x]

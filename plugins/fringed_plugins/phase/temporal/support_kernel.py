@@ -14,6 +14,7 @@ from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.temporal.settle_kernel import BENT_TURNS2, FRINGE_ORDER, SETTLED, options
 
 _LEAST_NEIGHBOURS = 6  # of 24
+_LIT_PART = np.float32(0.5)  # of the neighbours' modulation: less is outside of what is lit
 _QUIET_SNR2 = np.float32(12.0**2)
 _ZERO = np.float32(0)
 _PI = np.float32(np.pi)
@@ -23,15 +24,17 @@ _ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds
 
 
 @njit(**options)
-def _gather(phase: Any, rejected: Any, y: int, x: int, found: Any) -> int:
-    """Write phase and place of the kept neighbours within 2 px; return how many there are."""
-    count = 0
+def _gather(maps: Any, y: int, x: int, found: Any) -> Any:
+    """Write phase and place of the kept neighbours within 2 px; return how many there are, and their modulation."""
+    phase, modulation, rejected = maps
+    count, light = 0, _ZERO
     for i in range(max(0, y - 2), min(phase.shape[0], y + 3)):
         for j in range(max(0, x - 2), min(phase.shape[1], x + 3)):
             if rejected[i, j] == 0 and count < found.shape[1]:
                 found[0, count], found[1, count], found[2, count] = phase[i, j], i - y, j - x
+                light += modulation[i, j]
                 count += 1
-    return count
+    return count, light / np.float32(max(count, 1))
 
 
 @njit(**options)
@@ -90,8 +93,8 @@ def neighbour_rows(start: int, stop: int, fit: Any, maps: Any, rules: Any) -> No
             quiet = c * c + s * s > _QUIET_SNR2 * variance
             if quiet or c * c + s * s < rules.least_snr2 * variance:
                 continue
-            count = _gather(decoded.phase_rad, before, y, x, found)
-            if count < _LEAST_NEIGHBOURS:
+            count, light = _gather((decoded.phase_rad, decoded.modulation, before), y, x, found)
+            if count < _LEAST_NEIGHBOURS or decoded.modulation[y, x] < _LIT_PART * light:
                 continue
             phase, agree = _plane(found, count)
             if not agree:

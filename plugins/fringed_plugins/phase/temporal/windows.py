@@ -46,6 +46,7 @@ class Windows(NamedTuple):
     best: Float32Array  # chi^2 of the order taken; huge where there is no window
     second: Float32Array  # ... of the next one
     modulation: Float32Array  # of the finest period, averaged with its phase
+    power: Float32Array  # mean square of the finest period's modulation, with its noise, whatever the phases are
 
 
 @njit(**_options)
@@ -153,4 +154,10 @@ def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: S
     orders = find_orders(angle, length, background, search, threads=1)
     orders.best[count < _LEAST_PX] = np.inf
     modulation = length[-1] / np.sqrt(np.maximum(count, _ONE))
-    return Windows(orders.turns, *slopes_of(parts), orders.best, orders.second, modulation)
+    return Windows(orders.turns, *slopes_of(parts), orders.best, orders.second, modulation, power_of(parts, count))
+
+
+def power_of(parts: Phasors, count: Float32Array) -> Float32Array:
+    """Return the mean square of the finest period's modulation in every window; `count` is how many pixels it has."""
+    power: Float32Array = summed(parts.cosine[-1] ** 2 + parts.sine[-1] ** 2) / np.maximum(count, _ONE)
+    return power
