@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, ndimage
 
+from fringed_plugins.phase.triangle_kernel import triangle_mean
+
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
 
@@ -44,9 +46,11 @@ class Band:
         """Return the window on the half plane that `scipy.fft.rfft2` of an array of `shape` gives."""
         down = (fft.fftfreq(shape[0]) - self.across) / self.half_across
         right = (fft.rfftfreq(shape[1]) - self.along) / self.half_along
-        distance = np.hypot(down[:, None], right[None, :])
+        rows, columns = np.flatnonzero(np.abs(down) < 1), np.flatnonzero(np.abs(right) < 1)
+        distance = np.hypot(down[rows, None], right[None, columns])
         part = np.clip((distance - self.flat) / max(1 - self.flat, 1e-6), 0, 1)
-        window: Float32Array = (0.5 * (1 + np.cos(np.pi * part))).astype(np.float32)
+        window = np.zeros((len(down), len(right)), np.float32)
+        window[np.ix_(rows, columns)] = 0.5 * (1 + np.cos(np.pi * part))
         window[:, [0, -1]] = 0.0  # neither the mean nor Nyquist has a phase
         return window
 
@@ -87,16 +91,12 @@ def noise_gain(window: Float32Array, columns: int) -> float:
     return float(2 * np.sum(window.astype(np.float64) ** 2) / (window.shape[0] * columns))
 
 
-def smooth(values: Float32Array, length_px: int) -> Float32Array:
+def smooth(values: Float32Array, length_px: int, threads: int = 0) -> Float32Array:
     """Return `values` under a triangle of twice `length_px` along both axes, zero beyond the borders.
 
-    A box as long as a period has no fringe left; two in a row leave none of its slope either.
+    A box as long as a period has no fringe left; two in a row, a triangle, leave none of its slope either.
     """
-    result = values
-    for axis in (0, 1):
-        for _ in range(2):
-            result = ndimage.uniform_filter1d(result, length_px, axis=axis, mode="constant")
-    return np.asarray(result, np.float32)
+    return triangle_mean(values, length_px, threads)
 
 
 def local_mean(values: Float32Array, length_px: int, share: Float32Array | None = None) -> Float32Array:

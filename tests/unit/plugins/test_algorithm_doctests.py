@@ -12,7 +12,7 @@ MODULES = (
     "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
     "unwrap.branch_cut", "unwrap.least_squares",
     "phase.bands", "phase.colour", "phase.crosstalk", "phase.fourier", "phase.one_shot", "phase.shift_geometry",
-    "phase.single_frame_rules", "phase.unknown_shifts", "phase.windowed_fourier",
+    "phase.single_frame_rules", "phase.triangle_kernel", "phase.unknown_shifts", "phase.windowed_fourier",
 )  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from fringed.errors import DataError, UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.encoders.fourier import FourierEncoder
-from fringed_plugins.phase.bands import Band, band_around, find_carrier, noise_gain
+from fringed_plugins.phase.bands import Band, band_around, find_carrier, noise_gain, smooth
 from fringed_plugins.phase.fourier import analytic_signal, frame_noise
 
 TARGET = ProjectorTarget(1024, 768)
@@ -215,6 +215,18 @@ def test_band_refuses_what_a_picture_cannot_hold():
         band_around((0.3, 0.0), 0.5, 0.5, 0.5)
     with pytest.raises(ValueError, match="half widths"):
         band_around((0.1, 0.0), 1.5, 0.5, 0.5)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (7, 1), (50, 33)])
+@pytest.mark.parametrize("length", [1, 2, 9, 60])
+def test_smoothing_is_the_convolution_with_a_triangle(shape, length):
+    values = np.random.default_rng(0).normal(100, 10, shape).astype(np.float32)
+    triangle = np.maximum(length - np.abs(np.arange(-length, length + 1)), 0) / length**2
+    wanted = values.astype(float)
+    for axis in (0, 1):
+        wanted = np.apply_along_axis(lambda v: np.convolve(v, triangle)[length : length + len(v)], axis, wanted)
+    for threads in (1, 2):
+        assert np.allclose(smooth(values, length, threads), wanted, rtol=2e-6)
 
 
 def test_windows_end_where_they_say():
