@@ -87,13 +87,24 @@ def _misfit(own: Any, ratio: Any, turns: np.float32) -> Any:
 
 
 @njit(**options)
+def _brightest(i: int, j: int, power: Any) -> np.float32:
+    """Return the largest power of the nine windows that hold the pixel."""
+    most = _ZERO
+    for y in range(max(i - RADIUS, 0), min(i + RADIUS + 1, power.shape[0]), RADIUS):
+        for x in range(max(j - RADIUS, 0), min(j + RADIUS + 1, power.shape[1]), RADIUS):
+            most = max(most, power[y, x])
+    return most
+
+
+@njit(**options)
 def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
     """Return, of the best window that holds the pixel, score (huge: none), absolute phase, deviation, confidence."""
     i, j, variance = place
     height, width = view.turns.shape
     here = own[0, ratio.size - 1]
     noise = rules.noise_power * variance
-    lit = view.power[i, j] - noise
+    if view.power[i, j] - noise < _LIT_PART * (_brightest(i, j, view.power) - noise):
+        return _HUGE, _ZERO, _ZERO, _ZERO  # outside of what is lit: the windows that reach in have more light
     seen, part = _ZERO, (_OWN_PART if ratio.size > 1 else _OWN_PART_ALONE) * np.float32(ratio.size)
     for m in range(ratio.size):
         seen += own[2, m]
@@ -104,8 +115,7 @@ def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
                 continue
             light2 = view.modulation[y, x] * view.modulation[y, x]
             sure = view.best[y, x] < rules.sure2 and view.second[y, x] > rules.sure2
-            # A pixel outside of what is lit has less light around it than the windows that reach in.
-            dark = lit < _LIT_PART * (view.power[y, x] - noise) or seen < part * light2
+            dark = seen < part * (view.power[y, x] - noise)
             if not sure or dark or light2 < rules.least_snr2 * variance:
                 continue
             right, down = np.float32(j - x) * view.slope_x[y, x], np.float32(i - y) * view.slope_y[y, x]
