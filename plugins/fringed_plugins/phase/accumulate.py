@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from fringed_plugins.parallel import run_rows
 from fringed_plugins.phase.closed_forms import Sums
-from fringed_plugins.phase.decode import STANDARD, Keep, cleaned, empty, no_state, no_sums, prepare, run
+from fringed_plugins.phase.decode import STANDARD, Keep, cleaned, empty, new_state, no_sums, prepare, run
 from fringed_plugins.phase.decode_kernel import Job, Part
 from fringed_plugins.phase.decoded import Decoded, Thresholds
-from fringed_plugins.phase.level_kernel import BLOCK_PX, State
+from fringed_plugins.phase.level_kernel import BLOCK_PX
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import LANES, Group, closed_form, transform
 from fringed_plugins.phase.sums import fold_blocks
@@ -129,14 +129,8 @@ class Accumulator:
             GroupFrames(group, shape, np.dtype(kind), absolute=absolute, threads=threads) for group in self._groups
         ]
         self._of_frame = {i: part for group, part in zip(groups, self._parts, strict=True) for i in group.frames}
-        self._state = no_state()
-        if len(groups) > 1:
-            self._state = self._new_state(shape[0] * shape[1])
+        self._state = new_state(shape[0] * shape[1] if len(groups) > 1 else 0, keep.confidence and len(groups) > 1)
         self._done = 0  # levels that are in the state
-
-    def _new_state(self, pixels: int) -> State:
-        margin = pixels if self._keep.confidence else 0
-        return State(*[np.empty(n, np.float32) for n in (pixels,) * 6 + (margin,) * 2])
 
     def add(self, index: int, frame: Array) -> None:
         """Take frame `index` of the set, (height, width); those of other groups are none of this one's business.

@@ -87,7 +87,13 @@ def decode(
     if out.rejected.size == 0:
         return out
     part = Part(0, len(groups), finishes=True, kept=False, summed=False)
-    run(stack, layout, Job(part, no_state(), no_sums(stack.dtype), limits, out), size_px is not None, threads)
+    run(
+        stack,
+        layout,
+        Job(part, new_state(0, margin=False), no_sums(stack.dtype), limits, out),
+        size_px is not None,
+        threads,
+    )
     cleaned(out, stack, tuple(groups), noise, thresholds, size_px=size_px, threads=threads)
     return out
 
@@ -144,9 +150,11 @@ def empty(shape: tuple[int, ...], keep: Keep, *, absolute: bool) -> Decoded:
     )
 
 
-def no_state() -> State:
-    """Return the state of no pixels."""
-    return State(*[np.empty(0, np.float32)] * 8)
+def new_state(pixels: int, margin: bool) -> State:
+    """Return an empty state of so many pixels."""
+    turns, squares, weakest, coarsest = (np.empty(pixels, np.float32) for _ in range(4))
+    room, inverse = (np.empty(pixels if margin else 0, np.float32) for _ in range(2))
+    return State(turns, squares, weakest, coarsest, np.empty(pixels, np.uint8), room, inverse)
 
 
 def no_sums(kind: np.dtype[Any]) -> Sums:

@@ -63,7 +63,7 @@ def new_state(count: int, margin: bool) -> State:
     other = count if margin else 0
     return State(
         np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32),
-        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32),
+        np.empty(count, np.float32), np.empty(count, np.uint8),
         np.empty(other, np.float32), np.empty(other, np.float32),
     )  # fmt: skip
 
@@ -71,8 +71,8 @@ def new_state(count: int, margin: bool) -> State:
 @njit(**options)
 def _state_between(state: State, a: int, b: int) -> State:
     return State(
-        state.turns[a:b], state.misfit[a:b], state.squares[a:b], state.weakest[a:b],
-        state.coarsest[a:b], state.saturated[a:b], state.margin[a:b], state.inverse[a:b],
+        state.turns[a:b], state.squares[a:b], state.weakest[a:b], state.coarsest[a:b], state.flags[a:b],
+        state.margin[a:b], state.inverse[a:b],
     )  # fmt: skip
 
 
@@ -133,6 +133,13 @@ def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> N
 
 
 @njit(**options)
+def _level(plan: Any, g: int, limits: Limits) -> Level:
+    return Level(
+        plan.initial_turns[g], plan.ratio[g], plan.counts[g], limits.misfit_turns, limits.saturation, plan.variance[g]
+    )
+
+
+@njit(**options)
 def _margin(g: int, level: Level, state: State, block: Block) -> None:
     if state.margin.size == 0:
         return
@@ -188,7 +195,7 @@ def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> 
         if part.first == 0:
             begin_state(state, plan.centre_turns)
         for g in range(part.first, part.last):
-            level = Level(plan.initial_turns[g], plan.ratio[g], plan.counts[g], limits.saturation, plan.variance[g])
+            level = _level(plan, g, limits)
             form, i, sums = plan.form[g], plan.place[g], scratch_sums
             if part.summed:
                 sums = sums_between(kept_sums, a, b, plan.normal[g])

@@ -103,12 +103,10 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Blo
         least = least if least > limits.modulation2 else limits.modulation2
         weakest = modulation2 if modulation2 < state.weakest[x] else state.weakest[x]
         most = limits.residual_sigma2 * variance + limits.residual_part2 * modulation2
-        misfit = off if off > state.misfit[x] else state.misfit[x]
         t -= wrap * ((((t - limits.cut_turns) * per_wrap - _HALF) + ROUND) - ROUND)
-        flag = _SATURATED if brightest >= level.saturation else _NONE
-        flag = np.int32(flag | (_SATURATED if state.saturated[x] > _ZERO else _NONE))
+        flag = np.int32(np.int32(state.flags[x]) | (_SATURATED if brightest >= level.saturation else _NONE))
         flag = np.int32(flag | (_LOW_MODULATION if weakest < least else _NONE))
-        flag = np.int32(flag | (_FRINGE_ORDER if misfit > limits.misfit_turns else _NONE))
+        flag = np.int32(flag | (_FRINGE_ORDER if off > level.misfit_turns else _NONE))
         flag = np.int32(flag | (_RESIDUAL if squares > most else _NONE))
         flag = np.int32(flag | (_OUT_OF_RANGE if t < limits.low_turns else _NONE))
         flag = np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))

@@ -15,7 +15,7 @@ from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.closed_forms import fit_at
 
 _ZERO = np.float32(0.0)
-_ONE = np.float32(1.0)
+_NONE, _SATURATED, _FRINGE_ORDER = np.int32(0), np.int32(1), np.int32(4)  # as `fringed.data.Reject` has them
 _HALF = np.float32(0.5)
 _TINY = np.float32(1e-12)
 _INFINITE = np.float32(np.inf)
@@ -26,7 +26,7 @@ options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"
 
 
 class State(NamedTuple):
-    """What a pixel carries from level to level: float32, one number a pixel.
+    """What a pixel carries from level to level: float32 but for the flags, one number a pixel.
 
     They are arrays of their own: of the rows of one array the compiler cannot prove that they do not overlap, and
     the loop that it falls back to takes ten times as long. `margin` and `inverse` are empty unless a confidence is
@@ -34,11 +34,10 @@ class State(NamedTuple):
     """
 
     turns: Any  # phase of the last level in periods, counted from the projector's first column
-    misfit: Any  # largest difference between a level and what the one before predicted, in turns
     squares: Any  # sum of the squared residuals of all levels
     weakest: Any  # smallest squared modulation of all levels
     coarsest: Any  # squared modulation of the first level
-    saturated: Any  # 1 where a frame was saturated, otherwise 0
+    flags: Any  # uint8: reasons found so far, as `fringed.data.Reject` has them
     margin: Any  # smallest (room for error)^2 of the levels' orders, over its variance for a frame's variance of 1
     inverse: Any  # variance of the last level's turns, for a frame's variance of 1
 
@@ -59,6 +58,7 @@ class Level(NamedTuple):
     initial_turns: np.float32
     ratio: np.float32  # period of the group before over this one's; 1 for the first
     counts: np.float32  # 1 where the prediction is one, 0 for the first group
+    misfit_turns: np.float32  # largest difference between prediction and measurement
     saturation: np.float32
     variance: np.float32  # of this group's turns, times squared modulation, for a frame's variance of 1
 
@@ -73,21 +73,18 @@ def copy_pixels(source: Any, target: Any) -> None:
 @njit(**options)
 def begin_state(state: State, centre_turns: np.float32) -> None:
     """Set a block's state before the first level, whose phase lies within half a turn of `centre_turns`."""
-    turns, misfit, squares = state.turns, state.misfit, state.squares
-    weakest, saturated = state.weakest, state.saturated
+    turns, squares, weakest, flags = state.turns, state.squares, state.weakest, state.flags
     for x in range(turns.size):
         turns[x] = centre_turns
-        misfit[x] = _ZERO
         squares[x] = _ZERO
         weakest[x] = _INFINITE
-        saturated[x] = _ZERO
+        flags[x] = np.uint8(0)
 
 
 @njit(**options)
 def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -> None:
     """Carry the phase of a block's first `count` pixels from the level before to the one whose frames are `rows`."""
-    turns, misfit, squares = state.turns, state.misfit, state.squares
-    weakest, saturated = state.weakest, state.saturated
+    turns, squares, weakest, flags = state.turns, state.squares, state.weakest, state.flags
     for x in range(count):
         _, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
         part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
@@ -98,10 +95,10 @@ def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -
         turns[x] = fine
         block.off[x] = off
         block.square[x] = modulation2
-        misfit[x] = off if off > misfit[x] else misfit[x]
         squares[x] += square
         weakest[x] = modulation2 if modulation2 < weakest[x] else weakest[x]
-        saturated[x] = _ONE if brightest >= level.saturation else saturated[x]
+        flag = np.int32(flags[x]) | (_SATURATED if brightest >= level.saturation else _NONE)
+        flags[x] = np.uint8(flag | (_FRINGE_ORDER if off > level.misfit_turns else _NONE))
 
 
 @njit(**options)
