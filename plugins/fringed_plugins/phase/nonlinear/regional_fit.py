@@ -17,7 +17,7 @@ Complex128Array = npt.NDArray[np.complex128]
 
 MULTIPLES = 3  # of N: harmonics N - 1, 2 N - 1, 3 N - 1, together with their mirror images N + 1, ...
 POWERS = 3
-MOST_PIXELS = 120_000
+MOST_PIXELS = 60_000
 MIN_PIXELS = 500
 _LEAST_SPREAD = 0.01  # of the indicator: below it the blur is the same everywhere
 _LARGEST = 0.3  # of the fundamental: what a harmonic is before anything is measured
@@ -58,6 +58,7 @@ class Fit:
         self._measured = phase_rad.ravel()[self._at].astype(np.float64)
         self._vectors = [group.vector.ravel()[self._at].astype(np.complex128) for group in groups]
         self._place = np.zeros(len(self._at))
+        self._true = self._measured.copy()
         self.series = np.zeros((len(groups), MULTIPLES, POWERS))
         self.centre, self.spread = 0.0, 1.0
         self.error_rad = np.zeros(len(self._at))
@@ -84,7 +85,8 @@ class Fit:
         """Do one round of Gauss-Newton with `terms` powers of the indicator; return the error's RMS change (rad)."""
         values, powers = self._harmonics(), self._powers(terms)
         true = self._undone(values)
-        slope = self._slopes(0, values, true) / (1 + self._turn(0, values, true))
+        waves = self._waves(0, true)
+        slope = _slopes(values[0], waves) / (1 + self._turn(0, values[0], waves))
         equations = [self._equations(g, values, (true, slope), powers) for g in range(1, len(self._groups))]
         matrix = np.concatenate([rows.matrix for rows in equations])
         right = np.concatenate([rows.right for rows in equations])
@@ -98,7 +100,7 @@ class Fit:
         count = MULTIPLES * terms
         design = (slope.T[:, :, None] * powers[:, None, :]).reshape(-1, count)
         covariance = inverse[:count, :count] * variance
-        self.deviation_rad = float(np.sqrt(np.mean(np.einsum("si,ij,sj->s", design, covariance, design))))
+        self.deviation_rad = float(np.sqrt(np.mean(np.sum((design @ covariance) * design, axis=1))))
         self.error_rad = self._measured - true
         first, last = (np.concatenate([getattr(rows, name) for rows in equations]) for name in ("first_rad", "off_rad"))
         self.disagreement_rad = (float(np.sqrt(np.mean(first**2))), float(np.sqrt(np.mean(last**2))))
@@ -111,13 +113,14 @@ class Fit:
         true, slope = fine
         scale = self._groups[0].period_px / self._groups[g].period_px
         expected = self._scaled(g, true)
-        off = np.angle(self._vectors[g] * np.exp(-1j * expected) * np.conj(self._error_vector(g, values, expected)))
+        waves = self._waves(g, expected)
+        off = np.angle(self._vectors[g] * np.exp(-1j * expected) * np.conj(_error_vector(values[g], waves)))
         first = np.angle(self._vectors[g] * np.exp(-1j * self._scaled(g, self._measured)))
         keep = np.abs(off) < max(_OUTLIER * float(np.median(np.abs(off))), 1e-4)
         weight = 1.0 / max(1.4826 * float(np.median(np.abs(off[keep]))), 1e-5)
-        own = self._slopes(g, values, expected)
+        own = _slopes(values[g], waves)
         rows = np.zeros((int(keep.sum()), len(self._groups), MULTIPLES, powers.shape[1]))
-        seen = -scale * (1 + self._turn(g, values, expected)) * slope
+        seen = -scale * (1 + self._turn(g, values[g], waves)) * slope
         rows[:, 0] = seen[:, keep].T[:, :, None] * powers[keep, None, :]
         rows[:, g] = own[:, keep].T[:, :, None] * powers[keep, None, :]
         return _Rows(rows.reshape(len(rows), -1) * weight, off[keep] * weight, off[keep], first[keep])
@@ -135,28 +138,35 @@ class Fit:
         return np.asarray(np.einsum("gkj,sj->gks", self.series, self._powers(POWERS)))
 
     def _undone(self, values: Float64Array) -> Float64Array:
-        """Return the finest true phase at the samples."""
-        true = self._measured.copy()
+        """Return the finest true phase at the samples; begins where the last round ended."""
+        true = self._true.copy()
         for _ in range(_INVERSIONS):
-            off = true + np.angle(self._error_vector(0, values, true)) - self._measured
-            true -= off / (1 + self._turn(0, values, true))
-            if np.abs(off).max() < 1e-9:
+            waves = self._waves(0, true)
+            total = _error_vector(values[0], waves)
+            off = true + np.angle(total) - self._measured
+            true -= off / (1 + self._turn(0, values[0], waves))
+            if np.abs(off).max() < 1e-7:
                 break
+        self._true = true
         return true
 
-    def _error_vector(self, g: int, values: Float64Array, phase: Float64Array) -> Complex128Array:
-        """Return 1 + sum q_k exp(-i k N phase), whose angle is the error."""
+    def _waves(self, g: int, phase: Float64Array) -> Complex128Array:
+        """Return exp(-i k N phase) for k = 1, 2, 3 (multiples, samples)."""
         turn = np.exp(-1j * self._groups[g].steps * phase)
-        return np.asarray(1 + turn * (values[g, 0] + turn * (values[g, 1] + turn * values[g, 2])))
+        return np.stack([turn, turn * turn, turn * turn * turn])
 
-    def _turn(self, g: int, values: Float64Array, phase: Float64Array) -> Float64Array:
+    def _turn(self, g: int, values: Float64Array, waves: Complex128Array) -> Float64Array:
         """Return how the error changes with the true phase (samples,)."""
-        k = np.arange(1, MULTIPLES + 1)[:, None] * self._groups[g].steps
-        change = np.sum(-1j * k * values[g] * np.exp(-1j * k * phase), axis=0)
-        return np.asarray((change / self._error_vector(g, values, phase)).imag)
+        k = np.arange(1, MULTIPLES + 1) * self._groups[g].steps
+        change = -1j * np.einsum("k,ks,ks->s", k, values, waves)
+        return np.asarray((change / _error_vector(values, waves)).imag)
 
-    def _slopes(self, g: int, values: Float64Array, phase: Float64Array) -> Float64Array:
-        """Return how the measured phase changes with each q at one true phase (multiples, samples)."""
-        k = np.arange(1, MULTIPLES + 1)[:, None]
-        waves = np.exp(-1j * k * self._groups[g].steps * phase)
-        return np.asarray((waves / self._error_vector(g, values, phase)).imag)
+
+def _error_vector(values: Float64Array, waves: Complex128Array) -> Complex128Array:
+    """Return 1 + sum q_k exp(-i k N phase), whose angle is the error."""
+    return np.asarray(1 + np.einsum("ks,ks->s", values, waves))
+
+
+def _slopes(values: Float64Array, waves: Complex128Array) -> Float64Array:
+    """Return how the measured phase changes with each q at one true phase (multiples, samples)."""
+    return np.asarray((waves / _error_vector(values, waves)).imag)
