@@ -37,9 +37,7 @@ def test_harmonics_of_a_gamma_are_those_of_its_closed_form(gamma):
 def test_the_error_of_a_phase_is_what_its_frames_give(steps):
     phase = np.linspace(-np.pi, np.pi, 101)
     ratios = harmonics(2.2)
-    np.testing.assert_allclose(
-        model.phase_error(ratios, steps, phase), by_definition(ratios, steps, phase), atol=1e-12
-    )
+    np.testing.assert_allclose(model.phase_error(ratios, steps, phase), by_definition(ratios, steps, phase), atol=1e-12)
 
 
 def test_more_steps_see_less_and_double_steps_as_much_as_twice_the_steps():

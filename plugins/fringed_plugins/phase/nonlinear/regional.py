@@ -97,6 +97,7 @@ def estimate_harmonics(
     fit.place_blur(indicator)
     before, reason = 0.0, f"it still changes after {_ROUNDS} rounds"
     for number in range(_ROUNDS):
+        fit.settled = number > _PLAIN_ROUNDS + 1
         change = fit.improve(1 if number < _PLAIN_ROUNDS else blur_terms)
         before = before or fit.disagreement_rad[0]
         if number > _PLAIN_ROUNDS and change < max(_SETTLED_RAD, 0.1 * fit.deviation_rad):

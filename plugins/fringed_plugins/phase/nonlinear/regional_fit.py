@@ -59,6 +59,8 @@ class Fit:
         self._vectors = [group.vector.ravel()[self._at].astype(np.complex128) for group in groups]
         self._place = np.zeros(len(self._at))
         self._true = self._measured.copy()
+        self._trust: dict[int, tuple[npt.NDArray[np.bool_], float]] = {}
+        self.settled = False  # outliers and weights stay as they are from then on
         self.series = np.zeros((len(groups), MULTIPLES, POWERS))
         self.centre, self.spread = 0.0, 1.0
         self.error_rad = np.zeros(len(self._at))
@@ -116,8 +118,10 @@ class Fit:
         waves = self._waves(g, expected)
         off = np.angle(self._vectors[g] * np.exp(-1j * expected) * np.conj(_error_vector(values[g], waves)))
         first = np.angle(self._vectors[g] * np.exp(-1j * self._scaled(g, self._measured)))
-        keep = np.abs(off) < max(_OUTLIER * float(np.median(np.abs(off))), 1e-4)
-        weight = 1.0 / max(1.4826 * float(np.median(np.abs(off[keep]))), 1e-5)
+        if not self.settled or g not in self._trust:
+            keep = np.abs(off) < max(_OUTLIER * float(np.median(np.abs(off))), 1e-4)
+            self._trust[g] = keep, 1.0 / max(1.4826 * float(np.median(np.abs(off[keep]))), 1e-5)
+        keep, weight = self._trust[g]
         own = _slopes(values[g], waves)
         rows = np.zeros((int(keep.sum()), len(self._groups), MULTIPLES, powers.shape[1]))
         seen = -scale * (1 + self._turn(g, values[g], waves)) * slope

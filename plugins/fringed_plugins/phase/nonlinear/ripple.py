@@ -19,6 +19,8 @@ Float32Array = npt.NDArray[np.float32]
 Float64Array = npt.NDArray[np.float64]
 Complex64Array = npt.NDArray[np.complex64]
 
+_UNIFORM = 0.03
+
 
 @dataclass(frozen=True)
 class Ripple:
@@ -94,11 +96,13 @@ def likeness(one: npt.NDArray[Any], other: npt.NDArray[Any], blocks: tuple[int, 
     """Return how alike two pictures of a scene are, -1 to 1: the correlation of their block means.
 
     Two scans of one surface in one place give nearly 1, whatever was projected; another surface, or another place,
-    less. Only blocks that are lit in either picture count.
+    less. Only blocks that are lit in either picture count. Where both are as good as uniform, it is the cosine instead.
     """
     first, second = (_blocks(picture, blocks) for picture in (one, other))
     lit = (first > 0.1 * first.max()) | (second > 0.1 * second.max())
-    a, b = (values[lit] - values[lit].mean() for values in (first, second))
+    a, b = first[lit], second[lit]
+    if max(float(np.std(values) / max(abs(float(values.mean())), 1e-9)) for values in (a, b)) > _UNIFORM:
+        a, b = a - a.mean(), b - b.mean()
     scale = float(np.sqrt((a @ a) * (b @ b)))
     return float(a @ b) / scale if scale > 0 else 1.0
 

@@ -17,7 +17,8 @@ ENTRIES = 256
 MULTIPLES = 4
 MIN_PIXELS = 500
 _DEGREE = 6
-_MOST_PIXELS = 200_000
+_MOST_PIXELS = 100_000
+_LEAST_EIGENVALUE = 1e-3  # of the waves' products, each 1/2 where every phase is seen alike
 
 
 def error_series(
@@ -47,11 +48,12 @@ def error_series(
     columns = np.concatenate([np.cos(angles), np.sin(angles), np.ones((len(error), 1))], axis=1)
     keep = np.ones(len(error), bool)
     for _ in range(2):
-        solution, _, rank, _ = np.linalg.lstsq(columns[keep], error[keep], rcond=1e-4)
-        if rank < columns.shape[1]:
+        normal = columns[keep].T @ columns[keep] / max(int(keep.sum()), 1)
+        if np.linalg.eigvalsh(normal)[0] < _LEAST_EIGENVALUE:
             raise ValueError(
                 "the phases cover less than one ripple of the error; use finer fringes or a larger surface"
             )
+        solution = np.linalg.solve(normal, columns[keep].T @ error[keep] / max(int(keep.sum()), 1))
         left = error - columns @ solution
         keep = np.abs(left) < 5 * 1.4826 * np.median(np.abs(left)) + 1e-9
     amplitudes = np.stack([solution[:MULTIPLES], solution[MULTIPLES:-1]], axis=1)
