@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from fringed import __version__
 from fringed.data import Orientation, PatternSequence
+from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.common import (
     Fringe,
@@ -109,4 +110,8 @@ def joint_fringes(
         return [Fringe(period, equal_shifts(count)) for period, count in zip(periods_px, steps, strict=True)]
 
     auto = "auto" in (getattr(params, "periods", None), getattr(params, "periods_px", None))
-    return fringes(encoder, params, target, wanted, notes=design_notes(designer, params, target) if auto else None)
+    try:
+        notes = design_notes(designer, params, target) if auto else None
+    except ValueError as error:
+        raise UsageError(f"{encoder.name}: {error}") from error
+    return fringes(encoder, params, target, wanted, notes=notes)

@@ -32,6 +32,7 @@ _OUT_OF_RANGE = np.uint16(16)
 _ZERO = np.float32(0)
 _TWO_PI = np.float32(2 * np.pi)
 _NAN = np.float32(np.nan)
+_RIPPLE_PART = 0.2  # of the next order's chi^2: periods that differ by less tell the same order
 
 
 class Wrapped(NamedTuple):
@@ -46,10 +47,11 @@ class Wrapped(NamedTuple):
 class Bounds(NamedTuple):
     """When an order is taken, float32."""
 
-    sure2: np.float32  # chi^2 of the next order at least, and of the one taken at most
+    sure2: np.float32  # chi^2 of the next order at least
     low_turns: np.float32
     high_turns: np.float32
     initial_rad: np.float32
+    ripple_part: np.float32  # chi^2 of the one taken, over the next one's, that is no contradiction
 
 
 def wrapped_phases(
@@ -89,7 +91,8 @@ def _judge(start: int, stop: int, orders: Any, bounds: Any, rejected: Any, out: 
     for y in range(start, stop):
         for x in range(rejected.shape[1]):
             turns, best, second = orders.turns[y, x], orders.best[y, x], orders.second[y, x]
-            unsure = second < bounds.sure2 or best > bounds.sure2
+            # More misfit than noise explains is ripple as long as the next order fits far worse.
+            unsure = second < bounds.sure2 or best > max(bounds.sure2, bounds.ripple_part * second)
             outside = turns < bounds.low_turns or turns > bounds.high_turns
             flag = _FRINGE_ORDER if unsure else np.uint16(0)
             flag |= _OUT_OF_RANGE if outside else np.uint16(0)
@@ -116,8 +119,8 @@ def decode_joint(
     """Return the absolute phase of the last group, from the phases of all groups together.
 
     `groups` run from long period to short, `size_px` is the projector's width or height. A pixel is
-    `FRINGE_ORDER` where the next order is less than 4.5 standard deviations away or where even the best one
-    is farther than that. With `combine` the phase is the weighted mean of all periods.
+    `FRINGE_ORDER` where the next order is less than 4.5 standard deviations away, or where even the best one is
+    farther than that and not much nearer than the next. With `combine` the phase is the weighted mean of all periods.
 
     Raises
     ------
@@ -166,9 +169,9 @@ def judged(
     """Return what was found as a decoded map: doubtful orders settled or dropped, neighbours compared."""
     shape, finest = seen.background.shape, evidence.groups[-1]
     edge, period, size_px = thresholds.edge_px, finest.period_px, evidence.size_px
-    bounds = Bounds(
-        *map(np.float32, (SURE_SIGMAS**2, (edge - 0.5) / period, (size_px - 0.5 - edge) / period, finest.initial_rad))
-    )
+    ripple = _RIPPLE_PART if len(evidence.groups) > 1 else 0.0
+    numbers = (SURE_SIGMAS**2, (edge - 0.5) / period, (size_px - 0.5 - edge) / period, finest.initial_rad, ripple)
+    bounds = Bounds(*map(np.float32, numbers))
     nothing = np.empty((0, 0), np.float32)
     out = Decoded(
         phase_rad=np.empty(shape, np.float32),

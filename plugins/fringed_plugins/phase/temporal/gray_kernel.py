@@ -13,7 +13,7 @@ from numba import njit
 from fringed_plugins.phase.graycode import Code
 
 options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
-_SOFT_CELLS = 0.05  # how exactly the edge of a cell is known, in cells
+_SOFT_CELLS, _SOFT_PX = 0.05, 2.0  # how exactly the edge of a cell is known: the lesser of both
 _ZERO = np.float32(0)
 _HUGE = np.float32(1e30)
 _TINY = np.float32(1e-12)
@@ -37,7 +37,7 @@ def ruler(code: Code, period_px: float) -> Ruler:
         np.float32(per_cell),
         np.float32((code.offset_px - 0.5) / period_px),
         int(np.ceil(per_cell / 2)) + 1,
-        np.float32((_SOFT_CELLS * per_cell) ** 2),
+        np.float32((min(_SOFT_CELLS * code.cell_px, _SOFT_PX) / period_px) ** 2),
     )
 
 

@@ -80,7 +80,7 @@ def search_of(
     ValueError
         no period.
     """
-    if not periods_px:
+    if len(periods_px) == 0:
         raise ValueError("no periods; two or more tell fringe orders, one has none to tell")
     periods = np.asarray(periods_px, np.float64)
     ratio = periods[-1] / periods
