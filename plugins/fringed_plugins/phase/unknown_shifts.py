@@ -103,8 +103,9 @@ def estimated_shifts(
     try:
         moments = _moments(frames, noise, saturation_dn, pixels)
         start = first_guess(moments.tapered, moments.noise_dn2 * moments.pixels)
+        noises = (moments.noise_dn2, moments.noise_dn2 * moments.pixels)
         found = optimize.least_squares(
-            _residuals, start[1:] - start[0], args=(_root(moments.plain), moments.tapered, moments.noise_dn2),
+            _residuals, start[1:] - start[0], args=(_root(moments.plain), moments.tapered, noises),
             xtol=1e-10, ftol=1e-12, gtol=1e-12, max_nfev=_MOST_EVALUATIONS,
         )  # fmt: skip
         relative = np.concatenate([[0.0], found.x])
@@ -148,21 +149,23 @@ def _moments(frames: Array, noise: NoiseModel, saturation_dn: float, pixels: int
     return _Moments(tiles.sum(axis=0), soft.sum(axis=0), tiles, soft, number, variance)
 
 
-def _residuals(relative: Float64Array, root: Float64Array, tapered: Float64Array, noise_dn2: float) -> Float64Array:
+def _residuals(
+    relative: Float64Array, root: Float64Array, tapered: Float64Array, noises: tuple[float, float]
+) -> Float64Array:
     """Return what the shifts leave of the frames, in standard deviations, and how uneven C and S are.
 
-    `root` root^T are the frames' moments.
+    `root` root^T are the frames' moments; `noises` is the variance of a pixel, and summed over all of them.
     """
     basis, frame = _spanned(relative)
-    left = (root - frame @ (frame.T @ root)) / np.sqrt(noise_dn2)
-    return np.concatenate([left.ravel(), _unevenness(basis, tapered) / _UNEVEN])
+    left = (root - frame @ (frame.T @ root)) / np.sqrt(noises[0])
+    return np.concatenate([left.ravel(), _unevenness(basis, tapered, noises[1]) / _UNEVEN])
 
 
-def _cost(relative: Float64Array, plain: Float64Array, tapered: Float64Array, noise_dn2: float) -> float:
+def _cost(relative: Float64Array, plain: Float64Array, tapered: Float64Array, noises: tuple[float, float]) -> float:
     """Return the sum of the squared residuals, from the moments alone."""
     basis, frame = _spanned(relative)
     left = np.trace(plain) - np.sum(frame * (plain @ frame))
-    return float(left / noise_dn2 + np.sum(_unevenness(basis, tapered) ** 2) / _UNEVEN**2)
+    return float(left / noises[0] + np.sum(_unevenness(basis, tapered, noises[1]) ** 2) / _UNEVEN**2)
 
 
 def _spanned(relative: Float64Array) -> tuple[Float64Array, Float64Array]:
@@ -183,11 +186,15 @@ def _root(moments: Float64Array) -> Float64Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
 
 
-def _unevenness(basis: Float64Array, tapered: Float64Array) -> Float64Array:
-    """Return (CC - SS, 2 CS) / (CC + SS) of the pixels' sums for these shifts; the noise's part is taken off."""
+def _unevenness(basis: Float64Array, tapered: Float64Array, noise: float) -> Float64Array:
+    """Return (CC - SS, 2 CS) / (CC + SS) of the pixels' sums for these shifts; the noise's part is taken off.
+
+    The frames show their own noise from four on; of three it is `noise`.
+    """
     count = len(basis)
     inverse = np.linalg.pinv(basis - basis.mean(axis=0))
-    noise = max(float(np.linalg.eigvalsh(tapered)[1 : count - 2].mean()), 0.0) if count > 3 else 0.0
+    if count > 3:
+        noise = max(float(np.linalg.eigvalsh(tapered)[1 : count - 2].mean()), 0.0)
     block = inverse @ (tapered - noise * (np.eye(count) - 1 / count)) @ inverse.T
     size = max(block[0, 0] + block[1, 1], 1e-12)
     return np.asarray([(block[0, 0] - block[1, 1]) / size, 2 * block[0, 1] / size])
@@ -199,7 +206,9 @@ def _deviations(relative: Float64Array, jacobian: Array, moments: _Moments) -> F
     hessian = jacobian.T @ jacobian
     steps = []
     for plain, tapered in zip(moments.plain_tiles, moments.tapered_tiles, strict=True):
-        rest = (moments.plain - plain, moments.tapered - tapered, moments.noise_dn2)
+        part = 1 - float(np.trace(tapered) / np.trace(moments.tapered))
+        noises = (moments.noise_dn2, moments.noise_dn2 * moments.pixels * part)
+        rest = (moments.plain - plain, moments.tapered - tapered, noises)
         steps.append(np.linalg.lstsq(hessian, -_gradient(relative[1:], rest), rcond=None)[0])
     moved = np.concatenate([np.zeros((len(steps), 1)), np.array(steps)], axis=1)
     moved -= moved.mean(axis=1, keepdims=True)  # the common offset
@@ -212,7 +221,7 @@ def _deviations(relative: Float64Array, jacobian: Array, moments: _Moments) -> F
     return np.asarray(np.sqrt(np.maximum(jackknife, noise)))
 
 
-def _gradient(relative: Float64Array, moments: tuple[Float64Array, Float64Array, float]) -> Float64Array:
+def _gradient(relative: Float64Array, moments: tuple[Any, Any, Any]) -> Float64Array:
     """Return half the gradient of the sum of squared residuals, by central differences."""
     step = 1e-5
     found = []
