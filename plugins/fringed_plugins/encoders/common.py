@@ -103,6 +103,11 @@ def equal_shifts(steps: int) -> tuple[float, ...]:
     return tuple(2 * np.pi * step / steps for step in range(steps))
 
 
+def double_shifts(shifts_rad: Sequence[float]) -> tuple[float, ...]:
+    """Return the shifts, and then the same ones half a step further."""
+    return (*shifts_rad, *(shift + np.pi / len(shifts_rad) for shift in shifts_rad))
+
+
 def shown_snr(params: FringeParams, expected_snr: float) -> float:
     """Return the expected modulation over the noise of a frame, with what rounding to whole grey levels adds.
 
@@ -207,9 +212,8 @@ def _frames(
 
 def _group(params: FringeParams, fringe: Fringe, common: PatternFrame) -> list[PatternFrame]:
     """Return the frames of one group: what they have in `common`, and their shifts."""
-    shifts = [(shift, False) for shift in fringe.shifts_rad]
-    if params.double:
-        shifts += [(shift + np.pi / len(fringe.shifts_rad), False) for shift in fringe.shifts_rad]
+    own = double_shifts(fringe.shifts_rad) if params.double else fringe.shifts_rad
+    shifts = [(shift, False) for shift in own]
     if params.inverse:
         shifts = [(shift + np.pi * inverted, inverted) for shift, _ in shifts for inverted in (False, True)]
     pattern_rules.check_shifts([shift for shift, _ in shifts])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import msgspec
@@ -21,6 +22,7 @@ from fringed_plugins.encoders.common import (
     FringeParams,
     Shifts,
     design_notes,
+    double_shifts,
     equal_shifts,
     fringes,
     length_px,
@@ -150,9 +152,10 @@ class MultiFrequencyEncoder:
         def wanted(orientation: Orientation) -> list[Fringe]:
             length = length_px(target, orientation)
             if params.periods != "auto":
-                return _hierarchical(params, length)
+                return _unwrapping(params, _hierarchical(params, length))
             design = best(length, params.frames, params.expected_snr)
-            return [Fringe(length / n, equal_shifts(k)) for n, k in zip(design.periods, design.steps, strict=True)]
+            made = [Fringe(length / n, equal_shifts(k)) for n, k in zip(design.periods, design.steps, strict=True)]
+            return _unwrapping(params, made)
 
         sequence = fringes(self, params, target, wanted, params.initial_phase_rad)
         if params.periods != "auto":
@@ -192,6 +195,16 @@ def _hierarchical(params: MultiFrequencyEncoder.Params, length: int) -> list[Fri
         length, periods, [_worth(params, shifts) for shifts in found], shown_snr(params, params.expected_snr)
     )
     return [Fringe(length / number, shifts) for number, shifts in zip(periods, found, strict=True)]
+
+
+def _unwrapping(params: FringeParams, found: list[Fringe]) -> list[Fringe]:
+    """Return the frequencies, once the shape of each coarse one is found good to unwrap the next; raises ValueError."""
+    if params.style not in ("sinusoidal", "binary-dithered"):
+        for coarse, fine in pairwise(found):
+            shifts = double_shifts(coarse.shifts_rad) if params.double else coarse.shifts_rad
+            ratio = coarse.period_px / fine.period_px
+            pattern_rules.check_shape_unwraps(params.style, coarse.period_px, shifts, ratio)
+    return found
 
 
 def _worth(params: FringeParams, shifts_rad: Sequence[float]) -> float:

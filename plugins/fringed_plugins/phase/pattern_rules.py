@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.phase.patterns import MIN_CONTRAST, Greys
-from fringed_plugins.phase.profiles import MIN_PERIOD_PX, TWO_LEVEL
+from fringed_plugins.phase.profiles import MIN_PERIOD_PX, TWO_LEVEL, profile
 
 Float64Array = npt.NDArray[np.float64]
 _DEGREE = np.pi / 180
 _JUMP = 0.1  # of the range of light, between neighbouring grey levels
+_ORDER_SHARE = 0.6  # of half a period, what the shape may take of the room that noise has
 _CLIPPED = 0.05  # of the range of grey levels that all give the brightest light
 
 
@@ -62,6 +63,45 @@ def check_shifts(shifts_rad: Sequence[float]) -> None:
             "and phase are three unknowns: give three or more, such as 0, 2.094 and 4.189"
         )
     transform(shifts_rad)
+
+
+def shape_error(style: str, period_px: float, shifts_rad: Sequence[float]) -> float:
+    """Return the largest error (rad) that a style in focus leaves in the least-squares phase of these shifts.
+
+    References
+    ----------
+    Wyant 1975, Creath 1988 (harmonics and the phase of N steps).
+
+    Examples
+    --------
+    >>> equal = [0.0, np.pi / 2, np.pi, 3 * np.pi / 2]
+    >>> [round(shape_error(style, 512.0, equal), 2) for style in ("sinusoidal", "triangular", "binary")]
+    [0.0, 0.07, 0.78]
+    """
+    from fringed_plugins.phase.shifts import transform
+
+    phase = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    light = np.array([profile(style, phase + shift, period_px) for shift in shifts_rad])
+    _, c, s = transform(shifts_rad)[:3] @ light
+    return float(np.abs(np.angle(np.exp(1j * (np.arctan2(s, c) - phase)))).max())
+
+
+def check_shape_unwraps(style: str, period_px: float, shifts_rad: Sequence[float], ratio: float) -> None:
+    """Check that the phase of a coarse fringe, which no blur smooths, tells the orders of a `ratio` times finer one.
+
+    Raises
+    ------
+    ValueError
+        stairs of a style that come out as wrong fringe orders.
+    """
+    error = shape_error(style, period_px, shifts_rad)
+    if ratio * error > _ORDER_SHARE * np.pi:
+        raise ValueError(
+            f"{len(shifts_rad)} steps of {style} fringes of {period_px:.4g} px are off by up to {error:.2g} rad, and "
+            f"no blur smooths so long a period: {ratio:.3g} times finer fringes would get wrong orders. Use ratios to "
+            f"{_ORDER_SHARE * np.pi / error:.2g}, more steps, the style sinusoidal or triangular, or the encoder "
+            "heterodyne, whose fringes are all fine"
+        )
 
 
 def check_period_within(length_px: float, period_px: float) -> None:
