@@ -29,6 +29,14 @@ from fringed_plugins.decoders.streaming import SumsSink, Work
 if TYPE_CHECKING:
     from fringed_plugins.phase.shifts import Group
 
+Weights = Annotated[
+    Literal["equal", "noise"],
+    Meta(
+        description="equal: frames in equal steps cancel harmonics; noise: darker frames count more, for the least "
+        "phase noise of fringes whose tone curve is compensated"
+    ),
+]
+
 
 class PhaseShiftDecoder:
     """Wrapped phase of one group of N known shifts, by least squares.
@@ -57,6 +65,7 @@ class PhaseShiftDecoder:
         orientation: Annotated[
             Literal["auto", "columns", "rows"], Meta(description="fringes to decode; auto: the only ones there are")
         ] = "auto"
+        weights: Weights = "equal"
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> PhaseMap:
         """Return the wrapped phase.
@@ -120,6 +129,7 @@ class MultiFrequencyDecoder:
             float,
             Meta(ge=0, le=1, description="finest over coarsest modulation: less is a mixed pixel; 0: off"),
         ] = 0.2
+        weights: Weights = "equal"
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> PhaseMap:
         """Return the absolute phase.
@@ -168,7 +178,8 @@ def _wrapped_work(source: FrameSet | FrameSetStart, params: PhaseShiftDecoder.Pa
     groups = _groups(source.sequence, params.orientation)
     if params.group >= len(groups):
         raise DataError(f"group {params.group} is wanted; the set has {len(groups)}: 0 to {len(groups) - 1}, or -1")
-    return Work((groups[params.group],), thresholds(source, params), None, Keep(wrapped=params.keep_wrapped))
+    keep = Keep(wrapped=params.keep_wrapped)
+    return Work((groups[params.group],), thresholds(source, params), None, keep, params.weights == "noise")
 
 
 def _absolute_work(source: FrameSet | FrameSetStart, params: MultiFrequencyDecoder.Params) -> Work:
@@ -182,7 +193,7 @@ def _absolute_work(source: FrameSet | FrameSetStart, params: MultiFrequencyDecod
         modulation_drop=params.min_modulation_ratio,
     )
     keep = Keep(wrapped=params.keep_wrapped, confidence=params.keep_confidence)
-    return Work(tuple(groups), limits, parts.size_px, keep)
+    return Work(tuple(groups), limits, parts.size_px, keep, params.weights == "noise")
 
 
 def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
@@ -190,11 +201,12 @@ def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
     from fringed_plugins.phase.noise import noise_group
 
     context.check_cancelled()
+    noise = sensor_noise(frame_set, noise_group(work.groups))
     try:
         decoded = decode(
             frame_set.frames,
             work.groups,
-            sensor_noise(frame_set, noise_group(work.groups)),
+            noise,
             work.thresholds,
             work.size_px,
             keep=work.keep,
@@ -202,6 +214,7 @@ def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
         )
     except ValueError as error:
         raise DataError(f"the set {frame_set.id or 'without id'} cannot be decoded: {error}") from error
+    work.weigh(decoded, frame_set, noise, context.threads)
     return phase_map_of(decoded, work.kind, work.groups[-1], frame_set)
 
 

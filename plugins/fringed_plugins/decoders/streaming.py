@@ -17,7 +17,7 @@ from fringed_plugins.decoders.common import known_noise, phase_map_of
 
 if TYPE_CHECKING:
     from fringed_plugins.phase.decode import Keep
-    from fringed_plugins.phase.decoded import Thresholds
+    from fringed_plugins.phase.decoded import Decoded, Thresholds
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 
@@ -30,11 +30,19 @@ class Work:
     thresholds: Thresholds
     size_px: int | None
     keep: Keep
+    weighted: bool = False
 
     @property
     def kind(self) -> PhaseKind:
         """What the result's phase counts from."""
         return "wrapped" if self.size_px is None else "absolute"
+
+    def weigh(self, decoded: Decoded, frame_set: FrameSet, noise: NoiseModel, threads: int) -> None:
+        """Weigh the frames of the finest group by their noise, where that is wanted."""
+        from fringed_plugins.phase.weighting import weigh
+
+        if self.weighted:
+            weigh(decoded.phase_rad, decoded.sigma_rad, frame_set.frames, self.groups[-1], noise, threads)
 
 
 class SumsSink:
@@ -89,4 +97,5 @@ class SumsSink:
             decoded = self._sums.finish(noise, frame_set.frames)
         except ValueError as error:
             raise DataError(f"the set {frame_set.id or 'without id'} cannot be decoded: {error}") from error
+        self._work.weigh(decoded, frame_set, noise, context.threads)
         return phase_map_of(decoded, self._work.kind, self._work.groups[-1], frame_set)

@@ -21,7 +21,7 @@ _TINY = np.float32(1e-12)
 _INFINITE = np.float32(np.inf)
 PER_TURN = np.float32(0.5 / np.pi)
 ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
-BLOCK_PX = 4096  # what one loop leaves for the next stays in the processor's cache
+BLOCK_PX = 2048  # what one loop leaves for the next stays in the processor's cache
 options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
