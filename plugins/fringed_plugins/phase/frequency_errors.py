@@ -86,7 +86,7 @@ def heterodyne_failure(periods: Sequence[float], steps: Sequence[int], snr: floa
     return total
 
 
-def number_theoretic_failure(periods: Sequence[int], steps: Sequence[int], snr: float) -> float:
+def number_theoretic_failure(periods: Sequence[float], steps: Sequence[int], snr: float) -> float:
     """Return the probability that the most likely combination of orders is a wrong one.
 
     The wrapped phases of a pixel, each over its noise, lie on a line on a torus; another turn of that line is

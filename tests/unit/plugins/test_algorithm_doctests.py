@@ -10,9 +10,12 @@ import pytest
 MODULES = (
     "calibration.reference", "phase.dithering", "phase.frequencies", "phase.frequency_errors", "phase.patterns",
     "phase.pattern_rules", "phase.profiles", "phase.shifts", "unwrap.regions", "unwrap.spatial",
+    "phase.accumulate", "phase.arctangent", "phase.weighting",
     "unwrap.branch_cut", "unwrap.least_squares",
     "phase.nonlinear.curve", "phase.nonlinear.harmonics", "phase.nonlinear.regional", "phase.nonlinear.response",
     "phase.nonlinear.ripple", "phase.nonlinear.rounding", "phase.nonlinear.table",
+    "phase.graycode", "phase.masks.hot", "phase.masks.order_median", "phase.masks.repeated", "phase.masks.shadow",
+    "phase.masks.specks", "phase.temporal.joint", "phase.temporal.sets",
     "phase.bands", "phase.colour", "phase.crosstalk", "phase.fourier", "phase.one_shot", "phase.shift_geometry",
     "phase.single_frame_rules", "phase.triangle_kernel", "phase.unknown_shifts", "phase.windowed_fourier",
 )  # fmt: skip

@@ -123,16 +123,16 @@ def _by_windows(
 def _rules(evidence: Evidence, thresholds: Thresholds) -> settle_kernel.Rules:
     finest, noise, edge = evidence.groups[-1], evidence.noise, thresholds.edge_px
     factor = phase_variance_factor(finest.shifts_rad)
-    numbers = (
-        noise.constant_dn2,
-        noise.slope_dn,
-        factor / (2 * np.pi) ** 2,
-        2 * factor,
-        thresholds.window_snr**2,
-        thresholds.modulation_dn,
-        SURE_SIGMAS**2,
-        (edge - 0.5) / finest.period_px,
-        (evidence.size_px - 0.5 - edge) / finest.period_px,
-        finest.initial_rad,
+    return settle_kernel.Rules(
+        noise_constant=np.float32(noise.constant_dn2),
+        noise_slope=np.float32(noise.slope_dn),
+        factor=np.float32(factor / (2 * np.pi) ** 2),
+        noise_power=np.float32(2 * factor),
+        least_snr2=np.float32(thresholds.window_snr**2),
+        least_dn=np.float32(thresholds.modulation_dn),
+        sure2=np.float32(SURE_SIGMAS**2),
+        low_turns=np.float32((edge - 0.5) / finest.period_px),
+        high_turns=np.float32((evidence.size_px - 0.5 - edge) / finest.period_px),
+        initial_rad=np.float32(finest.initial_rad),
+        combine=evidence.combine,
     )
-    return settle_kernel.Rules(*map(np.float32, numbers), combine=evidence.combine)

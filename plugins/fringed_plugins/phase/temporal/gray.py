@@ -7,6 +7,7 @@ likely one (as in `joint`) among those near it. Knows no contract.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ from fringed_plugins.phase.decode import Keep, readable
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.graycode import Code
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.shifts import Group
+from fringed_plugins.phase.shifts import Group, style_ripple_rad
 from fringed_plugins.phase.temporal.absolute import judged, search_for, wrapped_phases
 from fringed_plugins.phase.temporal.correction import SURE_SIGMAS, Evidence
 from fringed_plugins.phase.temporal.gray_kernel import order_rows, ruler
@@ -31,6 +32,7 @@ Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
 
 LOW_MODULATION, FRINGE_ORDER, OUT_OF_RANGE = 2, 4, 16
+_SYSTEMATIC_RAD = 0.02  # what no phase is better than, besides the ripples of its harmonics
 _NARROW = 0.75  # cells up to this part of a period count fringes without the help of other periods
 
 
@@ -60,7 +62,10 @@ def decode_gray_fringes(
     """
     check_cells(bits.code, groups)
     seen = wrapped_phases(frames, groups, noise, thresholds, threads)
-    search = search_for(groups, noise, size_px, systematic_rad=0.02, combine=len(groups) > 1)
+    several = len(groups) > 1  # one period alone contradicts nothing
+    ripple_rad = max(style_ripple_rad(group, thresholds.gamma) for group in groups) if several else 0.0
+    systematic_rad = math.hypot(_SYSTEMATIC_RAD, ripple_rad)
+    search = search_for(groups, noise, size_px, systematic_rad=systematic_rad, combine=several)
     layout = layout_of(bits, noise, len(groups[-1].frames))
     found = positions(frames, layout, seen.background, thresholds.saturation_dn, threads)
     shape = seen.background.shape

@@ -47,16 +47,19 @@ def order_rows(start: int, stop: int, maps: Any, code: Any, rules: Any, out: Any
     wrapped, modulation, background = maps
     search, scale = rules
     count = search.ratio.size
-    t, w = np.empty(count, np.float32), np.empty(count, np.float32)
+    t, w, noise2 = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
     for y in range(start, stop):
         for x in range(background.shape[1]):
             variance = search.noise_constant + search.noise_slope * max(background[y, x], _ZERO)
-            information = _ZERO
+            information, spread = _ZERO, _ZERO
             for m in range(count):
                 t[m] = wrapped[m, y, x] * _PER_TURN - search.initial_turns[m]
                 light2 = modulation[m, y, x] * modulation[m, y, x]
-                w[m] = np.float32(1) / (search.factor[m] * variance / (light2 + _TINY) + search.floor2 + _TINY)
-                information += w[m] * search.ratio[m] * search.ratio[m]
+                noise2[m] = search.factor[m] * variance / (light2 + _TINY)
+                w[m] = np.float32(1) / (noise2[m] + search.floor2 + _TINY)
+                lever = w[m] * search.ratio[m]
+                information += lever * search.ratio[m]
+                spread += lever * lever * noise2[m]
             here = t[count - 1]
             coded = scale.first_turns + code.position[y, x] * scale.turns_per_cell
             half = code.half_width[y, x] * scale.turns_per_cell
@@ -80,6 +83,6 @@ def order_rows(start: int, stop: int, maps: Any, code: Any, rules: Any, out: Any
             # The next code: its bit would have to be wrong by what it was read as, and by what it should be.
             bit = code.margin[y, x] + code.expected[y, x]
             out.turns[y, x] = turns
-            out.sigma_turns[y, x] = np.sqrt(np.float32(1) / (information if search.combine else w[count - 1]))
+            out.sigma_turns[y, x] = np.sqrt(spread) / information if search.combine else np.sqrt(noise2[count - 1])
             out.best[y, x] = max(best, _ZERO)
             out.second[y, x] = min(second, bit * bit)

@@ -212,7 +212,6 @@ def positions(
     Sansoni, Carocci & Rodella 1999; Inokuchi, Sato & Matsuda 1984.
     """
     shape = frames.shape[1:]
-    planes = [np.empty(shape, np.float32) for _ in range(6)]
     # A bright bit at the top of the scale is still bright; both a bit and its complement there are not.
     rejected = np.zeros(shape, np.uint16)
     if np.isfinite(saturation_dn):
@@ -220,7 +219,8 @@ def positions(
         for index in (*layout.bits, *layout.inverses[layout.inverses >= 0]):
             darkest = np.minimum(darkest, frames[index])
         rejected[darkest >= saturation_dn] = 1
-    out = Positions(*planes, rejected)
+    position, half, margin, expected, light, level = (np.empty(shape, np.float32) for _ in range(6))
+    out = Positions(position, half, margin, expected, light, level, rejected)
     reference = np.zeros((1, shape[1]), np.float32) if mean is None else mean
     run_rows(_position_rows, shape[0], frames, reference, layout, out, threads=threads)
     return out

@@ -19,6 +19,7 @@ BENT_TURNS2 = np.float32(0.03**2)  # what a surface may differ from a plane with
 options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 _ZERO = np.float32(0)
+_HALF = np.float32(0.5)
 _TWO_PI = np.float32(2 * np.pi)
 _PER_TURN = np.float32(0.5 / np.pi)
 _ROUND = np.float32(12582912.0)  # 1.5 * 2**23: adding and subtracting it rounds to the nearest integer
@@ -27,6 +28,7 @@ _PLENTY = np.float32(200.0)
 _LIT_PART = np.float32(0.55)
 _OWN_PART = np.float32(0.4)  # of a window's squared modulation, mean of all periods: noise alone has less
 _OWN_PART_ALONE = np.float32(0.15)  # ... of one period, which noise can take away
+_CLEAR = np.float32(8.0)
 _MARGIN_WEIGHT = np.float32(0.1)
 
 
@@ -87,6 +89,14 @@ def _misfit(own: Any, ratio: Any, turns: np.float32) -> Any:
 
 
 @njit(**options)
+def _mean(values: Any) -> np.float32:
+    total = _ZERO
+    for m in range(values.size):
+        total += values[m]
+    return total / np.float32(values.size)
+
+
+@njit(**options)
 def _brightest(i: int, j: int, power: Any) -> np.float32:
     """Return the largest power of the nine windows that hold the pixel."""
     most = _ZERO
@@ -97,40 +107,51 @@ def _brightest(i: int, j: int, power: Any) -> np.float32:
 
 
 @njit(**options)
-def _settle(place: Any, own: Any, view: Any, ratio: Any, rules: Any) -> Any:
-    """Return, of the best window that holds the pixel, score (huge: none), absolute phase, deviation, confidence."""
-    i, j, variance = place
-    height, width = view.turns.shape
+def _offer(place: Any, y: int, x: int, own: Any, view: Any, rules: Any) -> Any:
+    """Return how well the window around (y, x) explains the pixel (huge: not at all), and the phase it gives it."""
+    i, j, variance, ratio = place
+    light2 = view.modulation[y, x] * view.modulation[y, x]
+    sure = view.best[y, x] < rules.sure2 and view.second[y, x] > rules.sure2
+    part = (_OWN_PART if ratio.size > 1 else _OWN_PART_ALONE) * (view.power[y, x] - rules.noise_power * variance)
+    if not sure or _mean(own[2]) < part or light2 < rules.least_snr2 * variance:
+        return _HUGE, _ZERO, _ZERO
     here = own[0, ratio.size - 1]
+    predicted = view.turns[y, x] + np.float32(j - x) * view.slope_x[y, x] + np.float32(i - y) * view.slope_y[y, x]
+    turns = here + ((predicted - here + _ROUND) - _ROUND)
+    against, shift, information = _misfit(own, ratio, turns)
+    off2 = (predicted - turns) * (predicted - turns)
+    misfit = against + off2 / (rules.factor * variance / light2 + BENT_TURNS2)
+    if misfit >= rules.sure2:
+        return _HUGE, _ZERO, _ZERO
+    score = misfit - _MARGIN_WEIGHT * min(view.second[y, x] - view.best[y, x], _PLENTY)
+    if rules.combine:
+        return score, turns + shift, np.float32(1) / np.sqrt(information)
+    return score, turns, np.float32(1) / np.sqrt(own[1, ratio.size - 1])
+
+
+@njit(**options)
+def _settle(place: Any, own: Any, view: Any, rules: Any) -> Any:
+    """Return, of the best window that holds the pixel, score (huge: none), absolute phase, deviation, confidence."""
+    i, j, variance, _ = place
+    height, width = view.turns.shape
     noise = rules.noise_power * variance
+    other, least, found, sigma, sure_by = _HUGE, _HUGE, _ZERO, _ZERO, _ZERO
     if view.power[i, j] - noise < _LIT_PART * (_brightest(i, j, view.power) - noise):
-        return _HUGE, _ZERO, _ZERO, _ZERO  # outside of what is lit: the windows that reach in have more light
-    seen, part = _ZERO, (_OWN_PART if ratio.size > 1 else _OWN_PART_ALONE) * np.float32(ratio.size)
-    for m in range(ratio.size):
-        seen += own[2, m]
-    least, found, sigma, sure_by = _HUGE, _ZERO, _ZERO, _ZERO
+        return least, found, sigma, sure_by  # outside of what is lit: the windows that reach in have more light
     for y in range(i - RADIUS, i + RADIUS + 1, RADIUS):
         for x in range(j - RADIUS, j + RADIUS + 1, RADIUS):
             if y < 0 or y >= height or x < 0 or x >= width:
                 continue
-            light2 = view.modulation[y, x] * view.modulation[y, x]
-            sure = view.best[y, x] < rules.sure2 and view.second[y, x] > rules.sure2
-            dark = seen < part * (view.power[y, x] - noise)
-            if not sure or dark or light2 < rules.least_snr2 * variance:
-                continue
-            right, down = np.float32(j - x) * view.slope_x[y, x], np.float32(i - y) * view.slope_y[y, x]
-            predicted = view.turns[y, x] + right + down
-            turns = here + ((predicted - here + _ROUND) - _ROUND)
-            off2 = (predicted - turns) * (predicted - turns)
-            against, shift, information = _misfit(own, ratio, turns)
-            misfit = against + off2 / (rules.factor * variance / light2 + BENT_TURNS2)
-            margin = min(view.second[y, x] - view.best[y, x], _PLENTY)
-            score = misfit - _MARGIN_WEIGHT * margin
-            if misfit < rules.sure2 and score < least:
-                least, found = score, turns + (shift if rules.combine else _ZERO)
-                sigma = np.float32(1) / np.sqrt(information if rules.combine else own[1, ratio.size - 1])
+            score, turns, deviation = _offer(place, y, x, own, view, rules)
+            differs = abs(turns - found) > _HALF
+            if score < least:
+                other = least if differs else other
+                least, found, sigma = score, turns, deviation
                 sure_by = (np.sqrt(view.second[y, x]) - np.sqrt(view.best[y, x])) / np.float32(2)
-    return least, found, sigma, sure_by
+            elif differs:
+                other = min(other, score)
+    # Windows that fit as well, and say another order, leave it in doubt.
+    return least if other - least >= _CLEAR else _HUGE, found, sigma, sure_by
 
 
 @njit(**options)
@@ -146,7 +167,7 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             level = max(decoded.background[y, x], _ZERO)
             variance = rules.noise_constant + rules.noise_slope * level
             _measure(y - offset, x, parts, search, variance, own)
-            least, turns, sigma, sure_by = _settle((y - offset, x, variance), own, view, search.ratio, rules)
+            least, turns, sigma, sure_by = _settle((y - offset, x, variance, search.ratio), own, view, rules)
             if least >= _HUGE:
                 decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
                 continue

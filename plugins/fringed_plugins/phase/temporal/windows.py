@@ -153,11 +153,11 @@ def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: S
         _polar(summed(parts.cosine[m]), summed(parts.sine[m]), count, angle[m], length[m])
     orders = find_orders(angle, length, background, search, threads=1)
     orders.best[count < _LEAST_PX] = np.inf
-    modulation = length[-1] / np.sqrt(np.maximum(count, _ONE))
+    modulation = np.asarray(length[-1] / np.sqrt(np.maximum(count, _ONE)), np.float32)
     return Windows(orders.turns, *slopes_of(parts), orders.best, orders.second, modulation, power_of(parts, count))
 
 
 def power_of(parts: Phasors, count: Float32Array) -> Float32Array:
     """Return the mean square of the finest period's modulation in every window; `count` is how many pixels it has."""
-    power: Float32Array = summed(parts.cosine[-1] ** 2 + parts.sine[-1] ** 2) / np.maximum(count, _ONE)
-    return power
+    both = summed(parts.cosine[-1] ** 2 + parts.sine[-1] ** 2)
+    return np.asarray(both / np.maximum(count, _ONE), np.float32)
