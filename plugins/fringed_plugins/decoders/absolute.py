@@ -14,7 +14,7 @@ from msgspec import Meta
 from fringed.data import FrameSet, PatternSequence, PhaseMap
 from fringed.errors import DataError
 from fringed.hookspecs import Context, FrameSetStart
-from fringed_plugins.decoders.common import DecoderParams, full_scale_dn, sensor_noise, thresholds
+from fringed_plugins.decoders.common import DecoderParams, as_seen, full_scale_dn, sensor_noise, thresholds
 from fringed_plugins.decoders.masks import mask_limits
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ def absolute_map(
     first = frame_set.sequence.frames[parts.first]
     context.check_cancelled()
     noise = sensor_noise(frame_set, parts.groups[-1]) if parts.groups else _plain_noise(frame_set, NoiseModel)
-    limits = order_thresholds(frame_set, params, first.orientation)
+    limits = as_seen(order_thresholds(frame_set, params, first.orientation), frame_set.frames, parts.groups)
     keep = Keep(wrapped=params.keep_wrapped and bool(parts.groups), confidence=params.keep_confidence)
     try:
         decoded = decode(noise, limits, keep)

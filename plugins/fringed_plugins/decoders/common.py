@@ -6,13 +6,14 @@ the algorithms in `phase` are imported when first used.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from msgspec import Meta
 
-from fringed.data import CameraSettings, FrameSet, PatternFrame, PatternSequence, PhaseMap
+from fringed.data import Array, CameraSettings, FrameSet, PatternFrame, PatternSequence, PhaseMap
 from fringed.errors import DataError
 from fringed.hookspecs import FrameSetStart
 from fringed_plugins.decoders.masks import MaskParams, mask_limits
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from fringed_plugins.phase.shifts import Group
 
 _ONE = {"units": "1"}
+_SPREAD = 1.15  # of a gamma beyond 1, over the picture: blur damps harmonics unevenly
 
 
 class DecoderParams(MaskParams, frozen=True, kw_only=True):
@@ -39,6 +41,13 @@ class DecoderParams(MaskParams, frozen=True, kw_only=True):
         float,
         Meta(gt=0, le=10, description="largest misfit to a sinusoid over the modulation", extra_json_schema=_ONE),
     ] = 0.1
+    max_gamma: Annotated[
+        float,
+        Meta(
+            ge=1, le=4, description="gamma of a projector up to which its harmonics are no misfit, where the patterns "
+            "do not undo it; 1: it is linear", extra_json_schema=_ONE,
+        ),
+    ] = 2.6  # fmt: skip
     min_similar_neighbours: Annotated[
         int, Meta(ge=0, le=24, description="of 24 neighbours, those that must be alike; 0: off", extra_json_schema=_ONE)
     ] = 6
@@ -111,10 +120,21 @@ def thresholds(source: FrameSet | FrameSetStart, params: DecoderParams) -> Thres
         modulation_dn=params.min_modulation_dn * full / 255,
         modulation_snr=params.min_modulation_snr,
         residual=params.max_residual,
+        gamma=1.0 if source.sequence.precompensated else params.max_gamma,
         similar_neighbours=params.min_similar_neighbours,
         border_glow=params.min_border_modulation,
         masks=mask_limits(params, full),
     )
+
+
+def as_seen(limits: Thresholds, frames: Array, groups: Sequence[Group]) -> Thresholds:
+    """Return the thresholds with the gamma that the frames show, at most the one allowed."""
+    from fringed_plugins.phase.tone import gamma_of
+
+    if limits.gamma <= 1 or not groups:
+        return limits
+    seen = gamma_of(frames, groups, limits.gamma)
+    return replace(limits, gamma=min(1 + _SPREAD * (seen - 1), limits.gamma))
 
 
 def known_noise(settings: CameraSettings) -> NoiseModel | None:

@@ -19,6 +19,7 @@ from fringed.hookspecs import Context, FrameSetStart
 from fringed_plugins.decoders.absolute import JointParams, order_thresholds, parts_of
 from fringed_plugins.decoders.common import (
     DecoderParams,
+    as_seen,
     checked_frames,
     phase_map_of,
     sensor_noise,
@@ -207,7 +208,7 @@ def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
             frame_set.frames,
             work.groups,
             noise,
-            work.thresholds,
+            as_seen(work.thresholds, frame_set.frames, work.groups),
             work.size_px,
             keep=work.keep,
             threads=context.threads,

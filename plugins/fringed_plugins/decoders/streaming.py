@@ -13,7 +13,7 @@ import numpy as np
 from fringed.data import Array, FrameSet, PhaseKind, PhaseMap
 from fringed.errors import DataError
 from fringed.hookspecs import Context, FrameSetStart
-from fringed_plugins.decoders.common import known_noise, phase_map_of
+from fringed_plugins.decoders.common import as_seen, known_noise, phase_map_of
 
 if TYPE_CHECKING:
     from fringed_plugins.phase.decode import Keep
@@ -94,7 +94,8 @@ class SumsSink:
         context.check_cancelled()
         noise = self._noise or NoiseModel(1.0, 0.0)
         try:
-            decoded = self._sums.finish(noise, frame_set.frames)
+            limits = as_seen(self._work.thresholds, frame_set.frames, self._work.groups)
+            decoded = self._sums.finish(noise, frame_set.frames, limits)
         except ValueError as error:
             raise DataError(f"the set {frame_set.id or 'without id'} cannot be decoded: {error}") from error
         self._work.weigh(decoded, frame_set, noise, context.threads)

@@ -18,6 +18,7 @@ from fringed.errors import DataError
 from fringed.hookspecs import Context
 from fringed_plugins.decoders.common import (
     DecoderParams,
+    as_seen,
     checked_frames,
     full_scale_dn,
     phase_map_of,
@@ -134,7 +135,7 @@ def _decoded(frame_set: FrameSet, group: Group, params: UnknownShiftsDecoder.Par
             frame_set.frames,
             [group],
             sensor_noise(frame_set, group),
-            thresholds(frame_set, params),
+            as_seen(thresholds(frame_set, params), frame_set.frames, [group]),
             keep_wrapped=params.keep_wrapped,
             threads=context.threads,
         )

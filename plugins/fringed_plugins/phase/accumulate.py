@@ -150,10 +150,13 @@ class Accumulator:
             self._level(self._done, _UNKNOWN, _NOTHING)
             self._done += 1
 
-    def finish(self, noise: NoiseModel, frames: Array | None = None) -> Decoded:
+    def finish(
+        self, noise: NoiseModel, frames: Array | None = None, thresholds: Thresholds | None = None
+    ) -> Decoded:
         """Return what `decode.decode` returns for the set.
 
-        With `frames`, the whole set, neighbours may settle doubtful fringe orders.
+        With `frames`, the whole set, neighbours may settle doubtful fringe orders. `thresholds` are those of the
+        finest group, where the frames have shown more than was known in the beginning.
 
         Raises
         ------
@@ -163,6 +166,7 @@ class Accumulator:
         missing = [index for part in self._parts for index in part.missing]
         if missing:
             raise ValueError(f"frames {missing} have not come; a phase needs every frame of its groups")
+        self._thresholds = thresholds or self._thresholds
         out = empty(self._shape, self._keep, absolute=self._size_px is not None)
         if out.rejected.size:
             self._level(len(self._groups) - 1, noise, out)

@@ -187,7 +187,8 @@ def prepare(
         "modulation2": thresholds.modulation_dn**2,
         "modulation_snr2": thresholds.modulation_snr**2,
         "residual_sigma2": _chi_square_limit(dof),
-        "residual_part2": dof * thresholds.residual**2 + sum(style_residual(group) for group in groups),
+        "residual_part2": dof * thresholds.residual**2
+        + sum(style_residual(group, thresholds.gamma) for group in groups),
         "per_residual": 1 / dof,
         "misfit_turns": thresholds.order_turns,
         "drop2": thresholds.modulation_drop**2,

@@ -22,8 +22,8 @@ class Thresholds:
 
     `modulation_dn` and `modulation_snr` bound the modulation of every frequency from below, absolute and
     over the noise of one frame; `residual` bounds the misfit to a sinusoid as a part of the modulation,
-    over what six sigma of noise explain; `order_turns` the difference between the phase that a coarser
-    frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
+    over what six sigma of noise and the harmonics of a projector of this `gamma` explain; `order_turns` the
+    difference between the phase that a coarser frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
     `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
     24 neighbours must be alike, within half a period; `border_glow` the modulation over the brightest
     neighbour's below which a pixel at the border of what is lit shows that neighbour's light; `window_snr` the
@@ -35,6 +35,7 @@ class Thresholds:
     modulation_dn: float = 3.0
     modulation_snr: float = 5.0
     residual: float = 0.1
+    gamma: float = 1.0
     order_turns: float = 0.3
     modulation_drop: float = 0.0
     edge_px: float = 0.5

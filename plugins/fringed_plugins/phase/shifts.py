@@ -162,24 +162,49 @@ def _normal(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
     return np.array([square[0, 0], square[1, 1], square[2, 2], square[0, 1], square[0, 2], square[1, 2]])
 
 
-def style_residual(group: Group) -> float:
+def style_residual(group: Group, gamma: float = 1.0) -> float:
     """Return the largest sum of squared residuals of a group of this style, over its squared modulation.
 
-    A style's harmonics that N steps tell from the fundamental are residual, 0 for sinusoids. It is that of the
-    ideal shape, the most there can be: blur takes harmonics away first.
+    The harmonics that N steps tell from the fundamental are residual: those of the style, and those that a projector
+    of this `gamma` adds where nothing undoes it. It is that of the ideal shape, the most there can be: blur takes
+    harmonics away first.
 
     Examples
     --------
     >>> four = tuple(np.arange(4) * np.pi / 2)
     >>> round(style_residual(Group((0, 1, 2, 3), four, 16.0, style="sawtooth")), 2)
     0.5
+    >>> round(style_residual(Group((0, 1, 2, 3), four, 16.0), gamma=2.2), 2)
+    0.32
     """
-    if group.style == "sinusoidal":
+    if group.style == "sinusoidal" and gamma == 1:
         return 0.0
     phase = 2 * np.pi * (np.arange(720) + 0.5) / 720
     shifts = np.asarray(group.shifts_rad)[:, None]
-    fitted = transform(group.shifts_rad) @ np.asarray(profile(group.style, phase + shifts, group.period_px))
+    light = np.asarray(profile(group.style, phase + shifts, group.period_px)) ** gamma
+    fitted = transform(group.shifts_rad) @ light
     return float(((fitted[3:] ** 2).sum(axis=0) / (fitted[1] ** 2 + fitted[2] ** 2)).max())
+
+
+def style_ripple_rad(group: Group, gamma: float = 1.0) -> float:
+    """Return the root mean square of the phase error that N steps make of the same harmonics.
+
+    Those of order m N - 1 and m N + 1 pass for the fundamental: of a sinusoid of gamma g, three steps take the second
+    one, (g - 1) / (g + 2) of the fundamental, which is that phase error's amplitude.
+
+    Examples
+    --------
+    >>> three = tuple(np.arange(3) * 2 * np.pi / 3)
+    >>> round(style_ripple_rad(Group((0, 1, 2), three, 16.0), gamma=2.2), 2), round(1.2 / 4.2 / 2**0.5, 2)
+    (0.21, 0.2)
+    """
+    if group.style == "sinusoidal" and gamma == 1:
+        return 0.0
+    phase = 2 * np.pi * (np.arange(720) + 0.5) / 720
+    light = np.asarray(profile(group.style, phase + np.asarray(group.shifts_rad)[:, None], group.period_px)) ** gamma
+    fitted = transform(group.shifts_rad) @ light
+    off = np.angle((fitted[1] + 1j * fitted[2]) * np.exp(-1j * phase))
+    return float(np.sqrt(np.mean((off - off.mean()) ** 2)))
 
 
 def degrees_of_freedom(groups: Sequence[Group]) -> int:
