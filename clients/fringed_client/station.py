@@ -136,14 +136,8 @@ class Station:
     ) -> PatternSequence:
         """Return what an encoder would project: every frame's description and its exact picture; nothing is projected.
 
-        Parameters
-        ----------
-        encoder
-            its name, such as "multi-frequency"; `plugins()["schemas"]["encoder"]` has them with their parameters.
-        params
-            parameters other than their defaults.
-        size_px
-            width and height of the projector; None: the station's own.
+        `size_px` is the projector's width and height, None the station's own; `plugins()["schemas"]["encoder"]` has
+        the encoders' names and parameters.
 
         Raises
         ------

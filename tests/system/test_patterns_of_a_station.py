@@ -93,7 +93,7 @@ def test_wrong_words_end_with_code_two_and_a_reason(station_runtime: Path) -> No
     [
         {"inverse": True},
         {"double": True, "steps": 3},
-        {"dither": "ordered", "periods": [1, 16], "steps": 3},
+        {"dither": "ordered", "periods": [1, 12], "steps": 3},
         {"initial_phase_rad": 1.0, "periods": "auto", "frames": 12},
         {"style": "triangular", "steps": 5},
     ],
