@@ -23,12 +23,12 @@ class Thresholds:
     `modulation_dn` and `modulation_snr` bound the modulation of every frequency from below, absolute and
     over the noise of one frame; `residual` bounds the misfit to a sinusoid as a part of the modulation,
     over what six sigma of noise and the harmonics of a projector of this `gamma` explain; `order_turns` the
-    difference between the phase that a coarser frequency predicts and the one measured; `modulation_drop` the finest over the coarsest modulation;
-    `edge_px` how near to the projector's border a column may be; `similar_neighbours` how many of the
-    24 neighbours must be alike, within half a period; `border_glow` the modulation over the brightest
-    neighbour's below which a pixel at the border of what is lit shows that neighbour's light; `window_snr` the
-    modulation over the noise, averaged over 5 x 5 px, from which on neighbours may settle a fringe order; 0:
-    never. `masks` are the optional ones.
+    difference between the phase that a coarser frequency predicts and the one measured; `modulation_drop` the
+    finest over the coarsest modulation; `edge_px` how near to the projector's border a column may be;
+    `similar_neighbours` how many of the 24 neighbours must be alike, within half a period; `border_glow` the
+    modulation over the brightest neighbour's below which a pixel at the border of what is lit shows that neighbour's
+    light; `window_snr` the modulation over the noise, averaged over 5 x 5 px, from which on neighbours may settle a
+    fringe order; 0: never. `masks` are the optional ones.
     """
 
     saturation_dn: float = float("inf")
