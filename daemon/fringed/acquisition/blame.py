@@ -30,7 +30,8 @@ def blame_group(grid: Float32Array, fit: GroupFit, relative: Array, limit: float
     if explained < EXPLAINED:
         text = f"frames {_range(fit.indices)} fit no sinusoid ({measured}); did the object move, or the light change?"
         return CheckFinding("misfit", text, fit.indices)
-    before = f"frame {frame - 1}" if frame else "what was shown before the sequence"
+    earlier = fit.before[position]
+    before = f"frame {earlier}" if earlier >= 0 else "what was shown before the sequence"
     seen = shares[told]
     middle = float(np.median(seen))
     if np.all(seen >= WHOLE):
@@ -48,7 +49,7 @@ def _held(grid: Float32Array, fit: GroupFit, position: int) -> tuple[float, Arra
     index, rows, valid = fit.indices[position], fit.rows, fit.valid
     error = fit.deleted(position)
     predicted = grid[index].ravel() - error
-    towards = _before(grid, fit, index) - predicted
+    towards = _before(grid, fit, position) - predicted
     cross = per_band(error * towards * valid, rows)
     length = np.maximum(per_band(towards * towards * valid, rows), 1e-9)
     energy = per_band(error * error * valid, rows)
@@ -74,7 +75,8 @@ def blame_held(
         if weight <= best:
             continue
         best = weight
-        before = f"frame {index - 1}" if index else "the black picture shown before it"
+        earlier = fit.before[position]
+        before = f"frame {earlier}" if earlier >= 0 else "the black picture shown before it"
         text = f"frame {index} holds {min(share, 1.0):.0%} of {before}; raise acquisition.latency_s or settle_s"
         found = CheckFinding("late" if share >= WHOLE else "blended", text, (index,))
     return found
@@ -92,16 +94,19 @@ def _share_held(
     index, rows, valid = fit.indices[position], fit.rows, fit.valid
     freedom = 1.0 if fit.fits_always else float(fit.freedom[position])
     fitted = grid[index].ravel() - np.float32(freedom) * error
-    towards = (_before(grid, fit, index) - fitted) * valid
+    towards = (_before(grid, fit, position) - fitted) * valid
     noise = NOISE_MARGIN * inflation * per_band(fit.variance * valid, rows) if fit.fits_always else 0.0
     cross = _parts(per_band(towards * error, rows) - noise)
     length = np.maximum(_parts(per_band(towards * towards, rows)), 1e-9)
-    deviation = np.sqrt(inflation * _parts(per_band(towards * towards * fit.variance, rows))) / length
+    variance = inflation * fit.variance
+    if fit.loose or not fit.clean:  # more than noise is left over: take all of it for noise
+        variance = np.maximum(variance, np.float32((error * error * valid).sum() / max(float(valid.sum()), 1.0)))
+    deviation = np.sqrt(_parts(per_band(towards * towards * variance, rows))) / length
     signal = np.maximum(_parts(per_band(fit.power * valid, rows)), 1e-9)
     share = cross / length
     certain = (share > CERTAIN * deviation) & (share * np.sqrt(length / signal) > NOTABLE)
     share = share / np.maximum(1.0 + (1.0 - freedom) * share, 1e-3)  # the fit itself went some of the way
-    weight = np.where(certain & (share > TRACE + fit.tone), share * share * length, 0.0)
+    weight = np.where(certain & (share > TRACE + fit.tone + fit.shape), share * share * length, 0.0)
     best = int(np.argmax(weight))
     return (float(share[best]), float(weight[best])) if weight[best] > 0 else (0.0, 0.0)
 
@@ -111,9 +116,10 @@ def _parts(by_band: Array) -> Array:
     return np.concatenate([[by_band.sum()], np.cumsum(by_band)[:-1], np.cumsum(by_band[::-1])[:-1]])
 
 
-def _before(grid: Float32Array, fit: GroupFit, index: int) -> Float32Array:
-    """Return what was shown before frame `index`: before the first, the idle picture, which is black."""
-    return grid[index - 1].ravel() if index else np.maximum(fit.mean - np.sqrt(fit.power), np.float32(0))
+def _before(grid: Float32Array, fit: GroupFit, position: int) -> Float32Array:
+    """Return what was shown before the frame at `position`: before the first, the idle picture, which is black."""
+    earlier = fit.before[position]
+    return grid[earlier].ravel() if earlier >= 0 else np.maximum(fit.mean - np.sqrt(fit.power), np.float32(0))
 
 
 def all_late(fits: list[GroupFit], shifted: list[GroupFit], limit: float) -> CheckFinding | None:
@@ -121,8 +127,8 @@ def all_late(fits: list[GroupFit], shifted: list[GroupFit], limit: float) -> Che
 
     `fits` are the groups as ordered, `shifted` the same groups made of the frames one later.
     """
-    own = [float(misfit_of(fit).relative.max()) for fit in fits if not fit.fits_always]
-    later = [float(misfit_of(fit).relative.max()) for fit in shifted if not fit.fits_always]
+    own = [float(misfit_of(fit).relative.max()) for fit in fits if not (fit.fits_always or fit.loose)]
+    later = [float(misfit_of(fit).relative.max()) for fit in shifted if not (fit.fits_always or fit.loose)]
     if not own or not later or min(own) <= limit or max(later) > limit:
         return None
     return CheckFinding(

@@ -10,16 +10,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fringed.acquisition.pictures import Pictures, fit_frames, judged_groups, picture_findings, share_tone
+from fringed.acquisition.lighting import light_findings, lit_fraction, saturated_fraction
+from fringed.acquisition.pictures import Pictures, fit_frames, picture_findings, share_tone
 from fringed.acquisition.sampling import full_scale, grid_step, noise_of, sample
 from fringed.acquisition.siblings import Repeats
 from fringed.acquisition.sinusoids import GroupFit, tone_of
+from fringed.acquisition.styles import judged_groups
 from fringed.acquisition.times import timing_findings
 from fringed.config import CheckConfig
 from fringed.data import Array, CameraSettings, CheckFinding, CheckReport, Float32Array, FrameStamp, PatternSequence
 from fringed.errors import DataError
-
-MIN_CONTRAST = 8.0 / 255.0  # of full scale: what a pixel of a set without sinusoids must vary by to be lit
 
 
 class SetCheck:
@@ -71,31 +71,11 @@ class SetCheck:
             return CheckReport(False, tuple(findings), counters_skipped=lost)
         fits = share_tone(self._sequence, list(self._fits.values()), self._tones)
         grid, top = self._pictures.grid, self._pictures.top
-        saturated = float((grid.max(axis=0) >= top).mean())
-        lit = _lit_fraction(grid, fits, top)
+        saturated = saturated_fraction(grid, self._sequence, top)
+        lit = lit_fraction(grid, self._sequence, fits, top)
         wrong, residual = picture_findings(self._pictures, fits, self._repeated)
-        findings += [*self._light_findings(saturated, lit), *wrong]
+        findings += [*light_findings(grid, self._sequence, (saturated, lit), top, self._limits), *wrong]
         return CheckReport(not findings, tuple(findings), residual, saturated, lit, lost)
-
-    def _light_findings(self, saturated: float, lit: float) -> list[CheckFinding]:
-        findings = []
-        if saturated > self._limits.saturated_max:
-            findings.append(
-                CheckFinding(
-                    "saturated",
-                    f"{saturated:.1%} of the pixels are saturated; checks.saturated_max allows "
-                    f"{self._limits.saturated_max:.1%}; shorten the exposure or close the aperture",
-                )
-            )
-        if lit < self._limits.lit_min:
-            findings.append(
-                CheckFinding(
-                    "unlit",
-                    f"fringes are seen on {lit:.2%} of the pixels; checks.lit_min asks for {self._limits.lit_min:.2%}; "
-                    "is the projector on, its lens cap off, and the object in view?",
-                )
-            )
-        return findings
 
 
 def check_frames(
@@ -126,12 +106,3 @@ def _dropped(skipped: Mapping[int, int]) -> list[CheckFinding]:
         for index, count in sorted(skipped.items())
         if count
     ]
-
-
-def _lit_fraction(grid: Float32Array, fits: list[GroupFit], top: float) -> float:
-    if fits:
-        seen = np.stack([(fit.power > (2.0 / 255.0 * top) ** 2) & (fit.power > 9 * fit.variance) for fit in fits])
-        return float(seen.all(axis=0).mean())
-    if len(grid) < 2:
-        return float((grid[0] > MIN_CONTRAST * top).mean())
-    return float((np.ptp(grid, axis=0) > MIN_CONTRAST * top).mean())

@@ -34,8 +34,8 @@ def check_channels(sequence: PatternSequence, settings: CameraSettings) -> None:
     if plain and settings.channel == "rgb":
         raise UsageError(
             f"the camera takes three channels in one exposure (channel 'rgb'), and {plain} of the "
-            f"{len(sequence.frames)} patterns of {sequence.encoder or sequence.family} are one frame each; take them with channel green, "
-            "red, blue or white, or use a one-shot pipeline"
+            f"{len(sequence.frames)} patterns of {sequence.encoder or sequence.family} are one frame each; take them "
+            "with channel green, red, blue or white, or use a one-shot pipeline"
         )
     for indices in sequence.exposures() if not plain else ():
         _check_shot(sequence, indices)

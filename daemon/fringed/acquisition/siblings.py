@@ -1,4 +1,4 @@
-"""What is left to judge a group of three frames by: its siblings' background, and its neighbours' pictures.
+"""What is left to judge a group by that always fits, such as three frames: its siblings' background, its neighbours.
 
 Owns the comparison of groups and of consecutive frames; arrays in, arrays out.
 """
@@ -8,10 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from fringed.acquisition.sampling import Noise, per_band
-from fringed.acquisition.sinusoids import MIN_PIXELS, GroupFit, Misfit, relative_misfit
+from fringed.acquisition.sinusoids import MIN_PIXELS, NOISE_MARGIN, GroupFit, Misfit, relative_misfit
 from fringed.data import Array, Float32Array, PatternSequence
 
 SAME = 0.1  # the share of the expected difference below which two pictures are the same
+LIT = 8.0 / 255.0  # of full scale
+LAMP = 0.01  # what the lamp may change by
 MIN_FRINGES = 4.0  # across the panel, below which a small object may well look the same twice
 
 
@@ -80,17 +82,45 @@ def _same_pattern(sequence: PatternSequence, one: int, other: int) -> bool:
     return bool(np.array_equal(np.broadcast_to(a, shape), np.broadcast_to(b, shape)))
 
 
-def same_as_previous(grid: Float32Array, index: int, fit: GroupFit, expected: float, noise: Noise) -> Array:
-    """Return for each band 1 where frame `index` shows what frame `index - 1` showed, 0 where not, NaN where untold.
+def same_pictures(grid: Float32Array, pair: tuple[int, int], fit: GroupFit, expected: float, noise: Noise) -> Array:
+    """Return for each band 1 where the two frames of `pair` show the same, 0 where not, NaN where untold.
 
     `expected` is the mean squared difference of the two patterns over the squared modulation.
     """
-    one, other = grid[index - 1].ravel(), grid[index].ravel()
+    one, other = grid[pair[0]].ravel(), grid[pair[1]].ravel()
     variance = (noise.variance(one) + noise.variance(other)) * fit.valid
     energy = per_band((one - other) ** 2 * fit.valid, fit.rows) - per_band(variance, fit.rows)
     signal = per_band(fit.power * fit.valid, fit.rows) * expected
     told = (per_band(fit.valid, fit.rows) >= MIN_PIXELS) & (signal > 4 * per_band(variance, fit.rows))
     return np.where(told, energy < SAME * np.maximum(signal, 1e-9), np.nan)
+
+
+def are_one_picture(pair: Float32Array, noise: Noise, top: float) -> bool:
+    """Return whether two frames (2, rows, columns) that are lit differ by noise, and a hundredth of the light, only."""
+    one, other = pair.reshape(2, -1)
+    lit = (pair.max(axis=0).ravel() > LIT * top) & (pair.max(axis=0).ravel() < top)
+    if lit.sum() < MIN_PIXELS:
+        return False
+    energy = float(((one - other)[lit] ** 2).mean())
+    mean = (one + other)[lit] / 2
+    return energy < 2 * NOISE_MARGIN * float(noise.variance(mean).mean()) + float(((LAMP * mean) ** 2).mean())
+
+
+def unequal_light(grid: Float32Array, indices: tuple[int, ...], top: float) -> tuple[int, float]:
+    """Return the frame whose light differs most from the median of its group, in any band, and by what share.
+
+    Fringes that many of cross the object have the same mean light, however they are shifted.
+    """
+    frames = grid[list(indices)].reshape(len(indices), -1)
+    lit = ((frames.max(axis=0) > LIT * top) & (frames.max(axis=0) < top)).astype(np.float32)
+    told = per_band(lit, grid.shape[1]) >= MIN_PIXELS
+    light = per_band(frames * lit, grid.shape[1])[:, told]
+    if not told.any():
+        return indices[0], 0.0
+    brightest = np.maximum(light.max(axis=0), 1e-9)
+    away = (np.abs(light - np.median(light, axis=0)) if len(indices) > 2 else brightest - light) / brightest
+    worst = int(np.argmax(away.max(axis=1)))
+    return indices[worst], float(away[worst].max())
 
 
 def fringes_across(sequence: PatternSequence, index: int) -> float:

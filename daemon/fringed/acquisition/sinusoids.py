@@ -34,7 +34,9 @@ class GroupFit:
 
     `valid` is 1 where the pixel may judge, else 0. `residual`
     `(n - 3, p)` are the coordinates, along the rows of `null` `(n - 3, n)`, of what no sinusoid explains.
-    `tone` is the size of the harmonics removed from it, as a deleted residual over the modulation.
+    `tone` is the size of the tone curve's harmonics removed from it, as a deleted residual over the modulation,
+    `shape` that of the pattern's own. A `loose` group leaves more than noise in its residual, and where it is not
+    `clean` its mean is not its background. `before` are the frames shown before each of its own, -1 for none.
     """
 
     indices: tuple[int, ...]
@@ -49,6 +51,10 @@ class GroupFit:
     residual: Float32Array
     null: Float32Array
     tone: float = 0.0
+    shape: float = 0.0
+    loose: bool = False
+    clean: bool = True
+    before: tuple[int, ...] = ()
 
     @property
     def fits_always(self) -> bool:
@@ -74,15 +80,19 @@ class Misfit:
     certain: Array
 
 
-def fit_group(grid: Float32Array, indices: tuple[int, ...], shifts_rad: Array, noise: Noise, top: float) -> GroupFit:
+def fit_group(
+    grid: Float32Array, indices: tuple[int, ...], model: tuple[Array, tuple[int, ...]], noise: Noise, top: float
+) -> GroupFit:
     """Fit one sinusoid to the frames `indices` of `grid` (n, rows, columns).
 
-    `top` is full scale: pixels that reach it in any frame, or whose modulation is lost in noise, are
+    `model` are the shifts and the orders of harmonics that may be anything in every pixel: what these explain is no
+    residual. `top` is full scale: pixels that reach it in any frame, or whose modulation is lost in noise, are
     left out.
     """
+    shifts_rad, orders = model
     frames = grid[list(indices)].reshape(len(indices), -1)
-    design = np.stack([np.ones_like(shifts_rad), np.cos(shifts_rad), np.sin(shifts_rad)], axis=1)
-    null = np.linalg.svd(design.T)[2][3:].astype(np.float32)
+    design = _design(shifts_rad, (1,))
+    null = _null(_design(shifts_rad, (1, *orders)))
     transform = np.concatenate([np.linalg.pinv(design).astype(np.float32), null])
     solved = transform @ frames
     mean, cosine, sine = solved[:3]
@@ -94,6 +104,28 @@ def fit_group(grid: Float32Array, indices: tuple[int, ...], shifts_rad: Array, n
     return GroupFit(
         indices, shifts_rad, grid.shape[1], mean, cosine, sine, power, valid, variance, solved[3:], null
     )  # fmt: skip
+
+
+def _design(shifts_rad: Array, orders: tuple[int, ...]) -> Array:
+    waves = [wave(order * shifts_rad) for order in orders for wave in (np.cos, np.sin)]
+    return np.stack([np.ones_like(shifts_rad), *waves], axis=1)
+
+
+def _null(design: Array) -> Float32Array:
+    """Return an orthonormal basis (n - rank, n) of what the columns of `design` (n, m) do not explain."""
+    vectors, singular, _ = np.linalg.svd(design)
+    rank = int((singular > 1e-6 * singular[0]).sum())
+    return np.ascontiguousarray(vectors[:, rank:].T.astype(np.float32))
+
+
+def phasor_powers(fit: GroupFit, highest: int) -> dict[int, Array]:
+    """Return `modulation exp(i order phase)` (p,) complex64 for the orders 2 to `highest`."""
+    unit = ((fit.cosine - 1j * fit.sine) / np.sqrt(np.maximum(fit.power, np.float32(1e-6)))).astype(np.complex64)
+    powers, power = {}, (fit.cosine - 1j * fit.sine).astype(np.complex64)
+    for order in range(2, highest + 1):
+        power = power * unit
+        powers[order] = power
+    return powers
 
 
 def tone_of(fit: GroupFit) -> tuple[float, ...] | None:
