@@ -73,9 +73,9 @@ class Fit:
         return len(self._at)
 
     def place_blur(self, indicator: Float32Array) -> None:
-        """Take the blur indicator (height, width): -1 ... 1 over the middle 96 % of the pixels."""
+        """Take the blur indicator (height, width): -1 ... 1 over all but the 0.2 % at either end."""
         values = indicator.ravel()[self._at].astype(np.float64)
-        low, high = (float(value) for value in np.percentile(values, (2, 98)))
+        low, high = (float(value) for value in np.percentile(values, (0.2, 99.8)))
         self.centre, self.spread = (low + high) / 2, max((high - low) / 2, _LEAST_SPREAD)
         self._place = np.clip((values - self.centre) / self.spread, -1, 1)
 
