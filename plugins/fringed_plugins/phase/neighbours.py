@@ -16,6 +16,7 @@ from fringed_plugins.parallel import run_rows
 ISOLATED = 32
 DISCONTINUITY = 64
 _RADIUS = 2
+_CHUNK = 64
 _NAN = np.float32(np.nan)
 
 
@@ -55,29 +56,126 @@ def _border(phase: Any, modulation: Any, holes: Any, brightest: Any) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _find(start: int, stop: int, fields: Any, found: Any, limits: Any) -> None:
-    """Flag, in rows `start` to `stop`, what is isolated and what only glows at a border."""
-    phase, modulation, rejected = fields
+def _count_nearest(above: Any, row: Any, below: Any, tolerance: Any, counts: Any) -> None:
+    """Write how many of the eight nearest pixels are near, for all but the first and the last of `row`."""
+    inner = max(row.size - 2, 0)
+    a, b, c, d, here = above[:inner], above[1:], above[2:], row[:inner], row[1:]
+    e, f, g, h = row[2:], below[:inner], below[1:], below[2:]
+    for x in range(inner):
+        value = here[x]
+        near = np.int32(1) if abs(value - a[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - b[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - c[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - d[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - e[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - f[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - g[x]) < tolerance else np.int32(0)
+        near += np.int32(1) if abs(value - h[x]) < tolerance else np.int32(0)
+        counts[x] = near
+
+
+@njit(cache=True, nogil=True)
+def _suspects(counts: Any, rejected: Any, least: int, places: Any) -> int:
+    """Write the columns whose nearest pixels do not settle the tests, kept ones only; return how many there are."""
+    width, found = rejected.size, 0
+    places[found] = 0
+    found += 1 if rejected[0] == 0 else 0
+    for start in range(0, width - 2, _CHUNK):
+        stop = min(start + _CHUNK, width - 2)
+        total = np.int32(0)
+        for x in range(start, stop):  # a sum of integers: the compiler vectorises it
+            total += counts[x]
+        if total == 8 * (stop - start) and least <= 8:
+            continue
+        for x in range(start, stop):
+            if (counts[x] < 8 or least > 8) and rejected[x + 1] == 0:
+                places[found] = x + 1
+                found += 1
+    if width > 1 and rejected[width - 1] == 0:
+        places[found] = width - 1
+        found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _judge(phase: Any, modulation: Any, y: int, x: int, limits: Any) -> np.uint16:
+    """Return the flags of one pixel, looked at by itself."""
     tolerance, least, glow = limits
     height, width = phase.shape
-    counts = np.zeros(width, np.float32)
-    holes, brightest = np.zeros(width, np.float32), np.zeros(width, np.float32)
+    here, count, holes, brightest = phase[y, x], np.float32(0), False, np.float32(0)
+    for i in range(max(0, y - _RADIUS), min(height, y + _RADIUS + 1)):
+        for j in range(max(0, x - _RADIUS), min(width, x + _RADIUS + 1)):
+            count += np.float32(1) if abs(here - phase[i, j]) < tolerance else np.float32(0)
+            if abs(i - y) <= 1 and abs(j - x) <= 1:
+                holes = holes or np.isnan(phase[i, j])
+                brightest = max(brightest, modulation[i, j])
+    flag = np.uint16(ISOLATED) if count < least + np.float32(1) else np.uint16(0)  # the pixel itself was counted
+    flag |= np.uint16(DISCONTINUITY) if holes and modulation[y, x] < glow * brightest else np.uint16(0)
+    return flag
+
+
+@njit(cache=True, nogil=True)
+def _find_all(y: int, fields: Any, limits: Any, scratch: Any) -> int:
+    """Flag a row in which many pixels are suspect, all at once; return how many were flagged."""
+    phase, modulation, rejected = fields
+    tolerance, least, glow = limits
+    counts, holes, brightest = scratch
+    height, width = phase.shape
+    counts[:] = np.float32(0)
+    holes[:] = np.float32(0)
+    brightest[:] = np.float32(0)
+    for row in range(max(0, y - _RADIUS), min(height, y + _RADIUS + 1)):
+        _count(phase[y], phase[row], tolerance, counts)
+        if abs(row - y) <= 1:
+            _border(phase[row], modulation[row], holes[1:], brightest[1:])
+            _border_ends(phase[row], modulation[row], holes, brightest)
+    hits = 0
+    for x in range(width):  # the pixel itself was counted
+        alone = counts[x] < least + np.float32(1)
+        glows = holes[x] > np.float32(0) and modulation[y, x] < glow * brightest[x]
+        flag = np.uint16(ISOLATED) if alone else np.uint16(0)
+        flag |= np.uint16(DISCONTINUITY) if glows else np.uint16(0)
+        flag = flag if rejected[y, x] == 0 else np.uint16(0)
+        rejected[y, x] |= flag
+        hits += 1 if flag > 0 else 0
+    return hits
+
+
+@njit(cache=True, nogil=True)
+def _border_ends(phase: Any, modulation: Any, holes: Any, brightest: Any) -> None:
+    """Do for the first and the last pixel of a row what `_border` does for the others."""
+    width = phase.size
+    for end in (0, width - 1):
+        for x in range(max(end - 1, 0), min(end + 2, width)):
+            holes[end] += np.float32(1) if np.isnan(phase[x]) else np.float32(0)
+            brightest[end] = max(brightest[end], modulation[x])
+
+
+@njit(cache=True, nogil=True)
+def _find(start: int, stop: int, fields: Any, found: Any, limits: Any) -> None:
+    """Flag, in rows `start` to `stop`, what is isolated and what only glows at a border.
+
+    Where all of a pixel's eight neighbours are near, none of them is dropped and it is not alone: nothing is left to
+    ask. That settles nearly all pixels of most images with a third of the comparisons.
+    """
+    phase, modulation, rejected = fields
+    height, width = phase.shape
+    scratch = (np.zeros(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.float32))
+    counts, places = np.zeros(max(width - 2, 0), np.int32), np.zeros(width + 1, np.int64)
+    least = int(limits[1])
     for y in range(start, stop):
-        counts[:] = np.float32(0)
-        holes[:] = np.float32(0)
-        brightest[:] = np.float32(0)
-        for row in range(max(0, y - _RADIUS), min(height, y + _RADIUS + 1)):
-            _count(phase[y], phase[row], tolerance, counts)
-            if abs(row - y) <= 1:
-                _border(phase[row], modulation[row], holes[1:], brightest[1:])
+        if 0 < y < height - 1:
+            _count_nearest(phase[y - 1], phase[y], phase[y + 1], limits[0], counts)
+        else:
+            counts[:] = np.int32(0)
+        suspects = _suspects(counts, rejected[y], least, places)
+        if suspects > width // 8:
+            found[y] = _find_all(y, fields, limits, scratch)
+            continue
         hits = 0
-        for x in range(width):  # the pixel itself was counted
-            alone = counts[x] < least + np.float32(1)
-            glows = holes[x] > np.float32(0) and modulation[y, x] < glow * brightest[x]
-            flag = np.uint16(ISOLATED) if alone else np.uint16(0)
-            flag |= np.uint16(DISCONTINUITY) if glows else np.uint16(0)
-            flag = flag if rejected[y, x] == 0 else np.uint16(0)
-            rejected[y, x] |= flag
+        for n in range(suspects):
+            flag = _judge(phase, modulation, y, places[n], limits)
+            rejected[y, places[n]] |= flag
             hits += 1 if flag > 0 else 0
         found[y] = hits
 
