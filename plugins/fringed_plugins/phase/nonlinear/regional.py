@@ -95,21 +95,7 @@ def estimate_harmonics(
     pair = [(group.vector, group.steps) for group in (fine, nearest)]
     indicator = blur_indicator(pair[0], pair[1], np.isfinite(phase_rad))
     fit.place_blur(indicator)
-    before, reason = 0.0, f"it still changes after {_ROUNDS} rounds"
-    for number in range(_ROUNDS):
-        fit.settled = number > _PLAIN_ROUNDS + 1
-        change = fit.improve(1 if number < _PLAIN_ROUNDS else blur_terms)
-        before = before or fit.disagreement_rad[0]
-        if number > _PLAIN_ROUNDS and change < max(_SETTLED_RAD, 0.1 * fit.deviation_rad):
-            reason = ""
-            break
-    limit = 1 / (fine.steps + 1)
-    if fit.largest() > limit:
-        reason = (
-            f"the strongest harmonic is {fit.largest():.2f} of the fundamental; from {limit:.2f} on the phase of "
-            f"{fine.steps} steps rises and falls within a ripple, and several columns share one measured phase: take "
-            "more steps, or compensate with a tone curve before projecting"
-        )
+    before, reason = _settled(fit, fine.steps, blur_terms)
     return RegionalHarmonics(
         series=fit.series[0].copy(),
         steps=fine.steps,
@@ -123,6 +109,26 @@ def estimate_harmonics(
         converged=not reason,
         reason=reason,
     )
+
+
+def _settled(fit: Fit, steps: int, blur_terms: int) -> tuple[float, str]:
+    """Run the rounds; return the maps' disagreement (rad) before any correction, and why the fit failed, if it did."""
+    before, reason = 0.0, f"it still changes after {_ROUNDS} rounds"
+    for number in range(_ROUNDS):
+        fit.settled = number > _PLAIN_ROUNDS + 1
+        change = fit.improve(1 if number < _PLAIN_ROUNDS else blur_terms)
+        before = before or fit.disagreement_rad[0]
+        if number > _PLAIN_ROUNDS and change < max(_SETTLED_RAD, 0.1 * fit.deviation_rad):
+            reason = ""
+            break
+    limit = 1 / (steps + 1)
+    if fit.largest() > limit:
+        reason = (
+            f"the strongest harmonic is {fit.largest():.2f} of the fundamental; from {limit:.2f} on the phase of "
+            f"{steps} steps rises and falls within a ripple, and several columns share one measured phase: take more "
+            "steps, or compensate with a tone curve before projecting"
+        )
+    return before, reason
 
 
 def remove(phase_rad: Float32Array, harmonics: RegionalHarmonics, threads: int = 0) -> Float32Array:
