@@ -17,6 +17,7 @@ from fringed import __version__, hookspecs
 from fringed.data import Calibration, Float32Array, FrameSet, PhaseErrorTable, PhaseMap
 from fringed.errors import DataError
 from fringed.hookspecs import Context
+from fringed_plugins.decoders.absolute import parts_of
 from fringed_plugins.decoders.common import checked_frames, full_scale_dn, sinusoidal_groups
 
 _SAME = 1e-6
@@ -184,7 +185,8 @@ class HarmonicCorrection:
         try:
             fine, *coarser = _fringes(frames, phase)
             context.progress(0.2, "fitting harmonics")
-            found = estimate_harmonics(phase.phase_rad, fine, coarser, params.blur_terms)
+            own_rad = _of_finest(phase.phase_rad, fine.vector)
+            found = estimate_harmonics(own_rad, fine, coarser, params.blur_terms)
         except ValueError as error:
             raise DataError(f"the harmonics of the set {frames.id or 'without id'} cannot be told: {error}") from error
         if not found.converged:
@@ -198,7 +200,7 @@ class HarmonicCorrection:
             f"{found.deviation_rad:.5f} rad; the maps differ by {after:.4f} rad, before {before:.4f}",
         )
         context.progress(0.8, "correcting")
-        corrected = remove(phase.phase_rad, found, context.threads)
+        corrected = remove(own_rad, found, context.threads)
         wrapped = None if phase.wrapped_rad is None else _turned_in(remove(phase.wrapped_rad, found, context.threads))
         return replace(phase, phase_rad=corrected, wrapped_rad=wrapped, id="")
 
@@ -245,7 +247,9 @@ def _fringes(frames: FrameSet, phase: PhaseMap) -> list[Any]:
     from fringed_plugins.phase.nonlinear.regional_fit import Fringes
     from fringed_plugins.phase.nonlinear.ripple import equal_steps, fringe_vector
 
-    groups = sinusoidal_groups(frames.sequence)[::-1]
+    groups = parts_of(frames.sequence, phase.orientation).groups[::-1]
+    if not groups:
+        raise ValueError("the set has no fringes with a period; only those have harmonics to tell")
     finest = groups[0]
     if frames.frames.shape[1:] != phase.phase_rad.shape or abs(finest.period_px - phase.period_px) > _SAME:
         raise ValueError(
@@ -261,6 +265,16 @@ def _fringes(frames: FrameSet, phase: PhaseMap) -> list[Any]:
         )
         for group in groups
     ]
+
+
+def _of_finest(phase_rad: Float32Array, vector: Any) -> Float32Array:
+    """Return the phase of the finest fringes alone, in the order of `phase_rad`, which may be a mean over periods.
+
+    A mean has the ripples of all periods, which are not those of the harmonics that are taken off.
+    """
+    own = np.angle(vector)
+    turns = 2 * np.pi
+    return np.asarray(own + turns * np.rint((phase_rad - own) / turns), np.float32)
 
 
 def _table_for(phase: PhaseMap, calibration: Calibration, steps: int) -> PhaseErrorTable:

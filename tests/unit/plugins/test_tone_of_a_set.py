@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 from fringe_truth import columns, run, seen
-from gamma_truth import gamma_curve
+from gamma_truth import field, gamma_curve
+from gamma_truth import seen as blurred
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fringed.data import Reject
 from fringed.hookspecs import FrameSetStart, ProjectorTarget
 from fringed.testing import RecordingContext
+from fringed_plugins.decoders.correction import HarmonicCorrection
 from fringed_plugins.decoders.gray import GrayPhaseShiftDecoder
 from fringed_plugins.decoders.heterodyne import HeterodyneDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
@@ -147,3 +149,17 @@ def test_frames_that_arrive_one_by_one_are_judged_alike():
     for index, image in enumerate(frames.frames):
         sink.add(index, image)
     np.testing.assert_array_equal(sink.finish(frames, RecordingContext()).rejected, whole.rejected)
+
+
+def test_harmonics_come_off_a_phase_that_was_averaged_over_periods():
+    sequence = HeterodyneEncoder().encode(
+        HeterodyneEncoder.Params(steps=3, periods=(8.0, 10.0, 11.0), precompensate=False), ProjectorTarget(1024, 768)
+    )
+    u, blur = field()
+    frames = blurred(sequence, u, blur, gamma_curve(1.5))
+    phase = run(HeterodyneDecoder, {"frames": frames}, systematic_rad=0.15)
+    corrected = run(HarmonicCorrection, {"frames": frames, "phase": phase})
+    errors = [
+        np.nanstd((p.phase_rad - p.initial_phase_rad) * p.period_px / (2 * np.pi) - u) for p in (phase, corrected)
+    ]
+    assert errors[1] < 0.1 * errors[0]
