@@ -13,11 +13,62 @@ PIPELINES: dict[str, Any] = {
         "hierarchical": {
             "summary": "3 frequencies x 4 steps, absolute phase, range image",
             "encoder": "multi-frequency",
-            "encoder_params": {"periods": [1, 8, 64], "steps": 4},
+            "encoder_params": {"periods": [1, 8, 64], "steps": 4, "dither": "quiet"},
             "stages": [
                 {"processor": "multi-frequency", "name": "phase"},
                 {"processor": "triangulate", "name": "range"},
             ],
+        },
+        "heterodyne": {
+            "summary": "3 fine frequencies x 4 steps whose beats number the fringes: every frame is sharp",
+            "encoder": "heterodyne",
+            "stages": [{"processor": "heterodyne", "name": "phase"}, {"processor": "triangulate", "name": "range"}],
+        },
+        "number-theoretic": {
+            "summary": "2 frequencies with coprime periods x 4 steps: absolute phase from 8 frames",
+            "encoder": "number-theoretic",
+            "stages": [
+                {"processor": "number-theoretic", "name": "phase"},
+                {"processor": "triangulate", "name": "range"},
+            ],
+        },
+        "gray": {
+            "summary": "4 steps and a Gray code that numbers the fringes: hard light, large steps and mixed albedos",
+            "encoder": "gray-phase-shift",
+            "stages": [
+                {"processor": "gray-phase-shift", "name": "phase"},
+                {"processor": "triangulate", "name": "range"},
+            ],
+        },
+        "fourier": {
+            "summary": "one frame of a reference plane, one of the object, which may move: the difference, unwrapped",
+            "encoder": "fourier",
+            "roles": ["reference", "object"],
+            "stages": [
+                {"processor": "fourier", "name": "wrapped-reference", "inputs": {"frames": "reference"}},
+                {"processor": "fourier", "name": "wrapped-object", "inputs": {"frames": "object"}},
+                {
+                    "processor": "unwrap-difference",
+                    "name": "phase",
+                    "inputs": {"reference": "wrapped-reference", "object": "wrapped-object"},
+                },
+                {"processor": "reference-plane", "name": "range", "inputs": {"phase": "phase"}},
+            ],
+        },
+        "one-shot": {
+            "summary": "three frequencies in the colours of one exposure: absolute phase of what moves, 3-CCD camera",
+            "encoder": "one-shot-frequencies",
+            "camera": {"channel": "rgb"},
+            "stages": [
+                {"processor": "one-shot-frequencies", "name": "phase"},
+                {"processor": "triangulate", "name": "range"},
+            ],
+        },
+        "crosstalk": {
+            "summary": "black, red, green, blue and white on a grey surface: the colour crosstalk, for one-shot",
+            "encoder": "colour-bars",
+            "camera": {"channel": "rgb"},
+            "stages": [{"processor": "crosstalk", "name": "crosstalk"}],
         },
         "thesis": {
             "summary": "6 steps on a reference plane and 6 on the object, spatial unwrapping of the difference",
