@@ -13,7 +13,9 @@ CONFIG = simulated_station()
 def test_nothing_asked_for_is_the_default_pipeline():
     plan = plan_scan(CONFIG, ScanWish())
     assert plan.pipeline == "hierarchical"
-    assert plan.encoder == StageCall("patterns", "encoder", "multi-frequency", {"periods": [1, 8, 64], "steps": 4})
+    assert plan.encoder == StageCall(
+        "patterns", "encoder", "multi-frequency", {"periods": [1, 8, 64], "steps": 4, "dither": "quiet"}
+    )
     assert [(stage.name, stage.plugin) for stage in plan.stages] == [
         ("phase", "multi-frequency"), ("range", "triangulate")
     ]  # fmt: skip
@@ -24,7 +26,7 @@ def test_nothing_asked_for_is_the_default_pipeline():
 def test_request_goes_over_preset_goes_over_configuration():
     plan = plan_scan(CONFIG, ScanWish(preset="skin", encoder_params={"steps": 6}, camera={"exposure_us": 4000}))
     assert (plan.cameras["object"].channel, plan.cameras["object"].exposure_us) == ("red", 4000)
-    assert plan.encoder.params == {"periods": [1, 8, 64], "steps": 6}
+    assert plan.encoder.params == {"periods": [1, 8, 64], "steps": 6, "dither": "quiet"}
 
 
 def test_stage_parameters_are_merged_into_their_stage():
