@@ -34,8 +34,8 @@ def fast_atan2(y: np.float32, x: np.float32) -> np.float32:
 
     Examples
     --------
-    >>> round(float(fast_atan2(np.float32(1), np.float32(-1))), 6)
-    2.356195
+    >>> round(float(fast_atan2(np.float32(1), np.float32(-1))), 5)
+    2.35619
     """
     ax = abs(x)
     ay = abs(y)

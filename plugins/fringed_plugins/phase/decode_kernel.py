@@ -11,6 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from fringed_plugins.compiled import kept
+from fringed_plugins.phase import arctangent, closed_forms, finish_kernel, level_kernel
+from fringed_plugins.phase import sums as sums_module
 from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.finish_kernel import (
     Limits,
@@ -35,6 +38,8 @@ from fringed_plugins.phase.level_kernel import (
     options,
 )
 from fringed_plugins.phase.sums import begin_sums, fold, new_sums, sums_between
+
+_CALLED = (arctangent, closed_forms, finish_kernel, level_kernel, sums_module)
 
 
 class Part(NamedTuple):
@@ -108,7 +113,7 @@ def _write_further(a: int, b: int, limits: Limits, block: Block, margin: Any, ou
         write_confidence(limits, margin, block.background, out.confidence[a:b])
 
 
-@njit(cache=True, **options)
+@kept(*_CALLED, **options)
 def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode the only group of blocks `start` to `stop` of `frames` (n, pixels) into the maps of `job`."""
     part, _, kept, limits, out = job
@@ -178,7 +183,7 @@ def _finish(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> 
         last_level(sums, level, state, limits, block, maps)
 
 
-@njit(cache=True, **options)
+@kept(*_CALLED, **options)
 def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode groups of blocks `start` to `stop` of `frames` (n, pixels) into the state, or the maps, of `job`.
 

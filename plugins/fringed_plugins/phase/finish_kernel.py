@@ -17,6 +17,7 @@ from fringed_plugins.phase.level_kernel import PER_TURN, ROUND, Block, Level, St
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _TWO_PI = np.float32(2 * np.pi)
+_INFINITE = np.float32(np.inf)
 _NAN = np.float32(np.nan)
 _TINY = np.float32(1e-12)
 _NONE = np.int32(0)
@@ -75,7 +76,7 @@ def write_wrapped(rows: Any, limits: Limits, block: Block, maps: Maps) -> None:
         flag = _SATURATED if brightest >= limits.saturation else _NONE
         flag = np.int32(flag | (_LOW_MODULATION if modulation2 < least else _NONE))
         flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
-        flag = np.int32(flag | (_OTHER if np.isnan(angle) else _NONE))
+        flag = np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
         block.turns[x] = angle * PER_TURN
         block.background[x] = light
         block.squares[x] = square
@@ -111,7 +112,7 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Blo
         flag = np.int32(flag | (_OUT_OF_RANGE if t < limits.low_turns else _NONE))
         flag = np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))
         flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * state.coarsest[x] else _NONE))
-        flag = np.int32(flag | (_OTHER if np.isnan(t) else _NONE))
+        flag = np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
         block.turns[x] = t + limits.initial_rad * PER_TURN
         block.off[x] = off
         block.square[x] = modulation2

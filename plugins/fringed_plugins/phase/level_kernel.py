@@ -15,7 +15,12 @@ from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.closed_forms import fit_at
 
 _ZERO = np.float32(0.0)
-_NONE, _SATURATED, _FRINGE_ORDER = np.int32(0), np.int32(1), np.int32(4)  # as `fringed.data.Reject` has them
+_NONE, _SATURATED, _FRINGE_ORDER, _OTHER = (
+    np.int32(0),
+    np.int32(1),
+    np.int32(4),
+    np.int32(128),
+)  # as `fringed.data.Reject` has them
 _HALF = np.float32(0.5)
 _TINY = np.float32(1e-12)
 _INFINITE = np.float32(np.inf)
@@ -98,7 +103,8 @@ def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -
         squares[x] += square
         weakest[x] = modulation2 if modulation2 < weakest[x] else weakest[x]
         flag = np.int32(flags[x]) | (_SATURATED if brightest >= level.saturation else _NONE)
-        flags[x] = np.uint8(flag | (_FRINGE_ORDER if off > level.misfit_turns else _NONE))
+        flag |= _FRINGE_ORDER if off > level.misfit_turns else _NONE
+        flags[x] = np.uint8(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
 
 
 @njit(**options)

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from fringed_plugins.compiled import kept
+from fringed_plugins.phase import level_kernel
 from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.level_kernel import BLOCK_PX, options
 
@@ -75,7 +77,7 @@ def fold(rows: Any, weights: Any, sums: Sums) -> None:
         brightest[x] = high if high > brightest[x] else brightest[x]
 
 
-@njit(cache=True, **options)
+@kept(level_kernel, **options)
 def fold_blocks(start: int, stop: int, frames: Any, begins: bool, weights: Any, sums: Sums) -> None:
     """Add four `frames` (4, pixels) to the sums of blocks `start` to `stop`; where it `begins`, from nothing."""
     for block in range(start, stop):

@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from fringed_plugins.compiled import kept
 from fringed_plugins.parallel import run_rows
+from fringed_plugins.phase import level_kernel
 from fringed_plugins.phase.level_kernel import BLOCK_PX, options
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import Group, transform
@@ -88,7 +90,7 @@ def _solve(fit: Any, sums: Any, phase: Any, sigma: Any) -> None:
         sigma[x] = np.sqrt(_ONE / (information + _TINY)) / size if not np.isnan(phase[x]) else phase[x]
 
 
-@njit(cache=True, **options)
+@kept(level_kernel, **options)
 def _weigh_blocks(start: int, stop: int, frames: Any, group: Any, noise: Any, out: Any) -> None:
     """Correct phases of blocks `start` to `stop`."""
     rows, shifts = group
