@@ -32,7 +32,10 @@ def draw_all(content: Any, folder: Path) -> list[Path]:
         if content.kind != "wrapped":
             drawn.append(maps.draw_phase(folder / "phase.png", content))
         drawn.append(maps.draw_modulation(folder / "modulation.png", content))
-        return [*drawn, maps.draw_mask(folder / "mask.png", content.rejected, content.provenance.simulated)]
+        drawn.append(maps.draw_mask(folder / "mask.png", content.rejected, content.provenance.simulated))
+        sigma = maps.draw_phase_sigma(folder / "sigma.png", content)
+        confidence = maps.draw_confidence(folder / "confidence.png", content)
+        return [*drawn, *(path for path in (sigma, confidence) if path)]
     if isinstance(content, RangeImage):
         sigma = maps.draw_sigma(folder / "sigma.png", content)
         mask = maps.draw_mask(folder / "mask.png", content.rejected, content.provenance.simulated)

@@ -86,14 +86,46 @@ def _wrapped(phase: PhaseMap) -> Array:
 
 
 def draw_phase(path: Path, phase: PhaseMap) -> Path:
-    """Draw the phase as it is: absolute, relative or a difference."""
-    return draw_map(path, phase.phase_rad, f"{phase.kind} phase", "phase / rad", simulated=phase.provenance.simulated)
+    """Draw the phase as it is: absolute (with the projector's pixels beside), relative or a difference."""
+    what = "difference of relative phases" if phase.difference_to else f"{phase.kind} phase"
+    if phase.kind != "absolute":
+        title = f"{what}, along projector {phase.orientation}"
+        return draw_map(path, phase.phase_rad, title, "phase / rad", simulated=phase.provenance.simulated)
+    one = "column" if phase.orientation == "columns" else "row"
+    low, high = limits(phase.phase_rad)
+    ticks = {tick: f"{tick:.0f}\n({_pixel(phase, tick):.0f})" for tick in np.linspace(low, high, 6)[1:-1]}
+    title = f"absolute phase of projector {phase.orientation}, period {phase.period_px:g} px"
+    return draw_map(path, phase.phase_rad, title, f"phase / rad (projector {one} / px)",
+                    simulated=phase.provenance.simulated, ticks=ticks)  # fmt: skip
+
+
+def _pixel(phase: PhaseMap, phase_rad: float) -> float:
+    return (phase_rad - phase.initial_phase_rad) * phase.period_px / (2 * pi)
 
 
 def draw_modulation(path: Path, phase: PhaseMap) -> Path:
     """Draw the fringes' amplitude."""
     high = limits(phase.modulation)[1]
     return draw_map(path, phase.modulation, "modulation", "amplitude / DN", colours="magma", span=(0, high),
+                    simulated=phase.provenance.simulated)  # fmt: skip
+
+
+def draw_phase_sigma(path: Path, phase: PhaseMap) -> Path | None:
+    """Draw the predicted standard deviation of the phase; None where the map carries none."""
+    if phase.sigma_rad is None:
+        return None
+    sigma: Any = np.where(phase.rejected == 0, phase.sigma_rad * 1000, np.nan)
+    return draw_map(path, sigma, "predicted standard deviation of the phase", "σ / mrad", colours="cividis",
+                    span=(0.0, limits(sigma, 1, 98)[1]), simulated=phase.provenance.simulated)  # fmt: skip
+
+
+def draw_confidence(path: Path, phase: PhaseMap) -> Path | None:
+    """Draw by how much noise each fringe order is not the next one; None where the map carries nothing of it."""
+    if phase.confidence is None:
+        return None
+    sure: Any = np.where(phase.rejected == 0, phase.confidence, np.nan)
+    return draw_map(path, sure, "confidence of the fringe order", "standard deviations from the next order",
+                    colours="cividis", span=(0.0, limits(sure, 1, 98)[1]),
                     simulated=phase.provenance.simulated)  # fmt: skip
 
 

@@ -85,6 +85,28 @@ def test_pictures_of_every_type_are_drawn(tmp_path: Path) -> None:
         gallery.draw_all(history[0], tmp_path)
 
 
+@pytest.mark.parametrize("kind", ["wrapped", "relative", "absolute"])
+@pytest.mark.parametrize("more", [False, True])
+def test_a_phase_map_is_drawn_with_all_that_it_carries(tmp_path: Path, kind: str, more: bool) -> None:
+    plane = np.linspace(0, 3, 40 * 60, dtype=np.float32).reshape(40, 60)
+    rejected = np.zeros(plane.shape, np.uint16)
+    rejected[5:10] = 1024  # a reason beyond a byte
+    plane[5:10] = np.nan
+    sure = np.where(plane > 2, np.inf, plane + 4)  # infinite where there was no order to choose
+    phase = PhaseMap(plane, plane + 20, plane + 50, rejected, kind, 16.0, orientation="rows", projector_px=768,
+                     sigma_rad=plane / 50 if more else None, confidence=sure if more else None)  # fmt: skip
+    names = {path.stem for path in gallery.draw_all(phase, tmp_path)}
+    expected = {"wrapped-phase", "modulation", "mask"} | ({"sigma", "confidence"} if more else set())
+    assert names == expected | ({"phase"} if kind != "wrapped" else set())
+
+
+def test_a_map_with_nothing_kept_is_drawn_too(tmp_path: Path) -> None:
+    nothing = np.full((20, 30), np.nan, np.float32)
+    rejected = np.full(nothing.shape, 2, np.uint16)
+    phase = PhaseMap(nothing, nothing, nothing, rejected, "absolute", 16.0, sigma_rad=nothing, confidence=nothing)
+    assert len(gallery.draw_all(phase, tmp_path)) == 6
+
+
 def test_painted_surfaces_share_a_scale(tmp_path: Path) -> None:
     points, normals, values = cloud_of(sphere().xyz_mm, sphere().xyz_mm[..., 0])
     path = views.draw_painted(
