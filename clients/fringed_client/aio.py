@@ -16,6 +16,7 @@ import zmq
 import zmq.asyncio
 from zmq.utils.monitor import recv_monitor_message
 
+from fringed.data import PatternSequence
 from fringed.errors import ConnectionLost, FringedError, RequestTimeout, WireError
 from fringed.messages import Reply, ScanState, StationState
 from fringed_client.address import Address

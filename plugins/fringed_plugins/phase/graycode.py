@@ -97,7 +97,7 @@ def line(length_px: int, code: Code, bit: int, inverted: bool = False) -> npt.ND
     if bit < 0:
         bright = np.ones(length_px, bool)
     else:
-        cell = cell_of(np.arange(length_px), code)
+        cell = cell_of(np.arange(length_px, dtype=np.float64), code)
         gray = cell ^ (cell >> 1)
         bright = (gray >> (code.bits - 1 - bit)) & 1 > 0
     return np.where(bright != inverted, 1.0, 0.0)
