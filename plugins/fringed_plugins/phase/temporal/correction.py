@@ -54,7 +54,7 @@ def correct(decoded: Decoded, evidence: Evidence, thresholds: Thresholds, thread
     """Give doubtful pixels of `decoded`, in place, the order that what surrounds them is sure of.
 
     Doubtful are pixels that were dropped as `LOW_MODULATION`, `FRINGE_ORDER` or `OUT_OF_RANGE` and for nothing
-    else. Those that stay so are `FRINGE_ORDER` too. Returns how many were doubtful.
+    else. Those that stay so keep their reasons. Returns how many were doubtful.
 
     References
     ----------

@@ -169,7 +169,6 @@ def settle_rows(rows: Any, decoded: Any, parts: Any, view: Any, search: Any, rul
             _measure(y - offset, x, parts, search, variance, own)
             least, turns, sigma, sure_by = _settle((y - offset, x, variance, search.ratio), own, view, rules)
             if least >= _HUGE:
-                decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
                 continue
             outside = turns < rules.low_turns or turns > rules.high_turns
             decoded.rejected[y, x] = np.uint16(OUT_OF_RANGE) if outside else np.uint16(0)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from fringed_plugins.phase.arctangent import fast_atan2
-from fringed_plugins.phase.temporal.settle_kernel import BENT_TURNS2, FRINGE_ORDER, SETTLED, options
+from fringed_plugins.phase.temporal.settle_kernel import BENT_TURNS2, SETTLED, options
 
 _LEAST_NEIGHBOURS = 6  # of 24
 _LIT_PART = np.float32(0.5)  # of the neighbours' modulation: less is outside of what is lit
@@ -88,7 +88,6 @@ def neighbour_rows(start: int, stop: int, fit: Any, maps: Any, rules: Any) -> No
                 c += weights[0, i] * value
                 s += weights[1, i] * value
             own2 = rules.factor * variance / (c * c + s * s + np.float32(1e-12))
-            decoded.rejected[y, x] |= np.uint16(FRINGE_ORDER)
             # A pixel without noise that contradicts itself sees two surfaces; no neighbour can tell which one.
             quiet = c * c + s * s > _QUIET_SNR2 * variance
             if quiet or c * c + s * s < rules.least_snr2 * variance:
