@@ -68,7 +68,7 @@ def timed(jobs: dict[str, Callable[[], Any]], rounds: int = ROUNDS) -> dict[str,
 def ours(image: Any) -> Any:
     """Decode one frame with the Fourier transform, carrier search and masks included."""
     saturated = image >= 255
-    band = band_around(find_carrier(image, 1 / 20), 0.6, 0.6, 0.5)
+    band = band_around(find_carrier(image, 1 / 20), 0.9, 0.9, 0.5)
     valid = lit(image, saturated, band, 3.0)
     found = analytic_signal(image, valid, band, threads=2)
     return single_frame(found, image, valid, saturated, band, noise=frame_noise(image))
@@ -216,7 +216,7 @@ def colours() -> None:
 def frequencies() -> None:
     """Print what three carriers in one exposure give."""
     column = np.linspace(60, 960, WIDTH) + 25 * BUMP
-    carriers = [Carrier(1024 / n, 0.0, NoiseModel(1.5**2, 0.0)) for n in (25, 40, 64)]
+    carriers = [Carrier(1024 / n, 0.0, NoiseModel(1.5**2, 0.0)) for n in (40, 59, 96)]
     light = np.stack([(1 + np.cos(2 * np.pi * column / c.period_px)) / 2 for c in carriers])
     for name, unmixed in (("unmixed", True), ("raw", False)):
         clean = 2 + 200 * np.einsum("cj,jhw->chw", MIX, light)
@@ -224,9 +224,9 @@ def frequencies() -> None:
         channels = unmix(seen, Colours(MIX if unmixed else np.eye(3), (2.0, 2.0, 2.0)), 2)
         job = partial(three_carriers, channels, seen.max(axis=0) >= 255, carriers, 1024, threads=2)
         found = job()
-        off = found.phase_rad * 16 / (2 * np.pi) - column
+        off = found.phase_rad * 1024 / 96 / (2 * np.pi) - column
         median, best = timed({"job": job}, 3)["job"]
-        wrong = float(np.nanmean(np.abs(off[np.isfinite(off)]) > 8))
+        wrong = float(np.nanmean(np.abs(off[np.isfinite(off)]) > 5))
         figure(
             f"one-shot-frequencies: {name}",
             f"{np.sqrt(np.nanmean(off**2)):.3f} px, {wrong:.1e} of the orders wrong, "

@@ -41,7 +41,7 @@ def scene() -> tuple[Any, Any]:
 
 def decoded(frame: Any) -> tuple[SingleFrame, Band]:
     """Decode a frame as the plug-in does."""
-    band = band_around(find_carrier(frame, 1 / 18), 0.6, 0.6, 0.5)
+    band = band_around(find_carrier(frame, 1 / 18), 0.9, 0.9, 0.5)
     saturated = frame >= 255
     valid = lit(frame, saturated, band, 3.0)
     found = analytic_signal(frame, valid, band)
@@ -61,14 +61,14 @@ def against_noise(axes: Any) -> None:
         frame = (LIGHT + MODULATION * np.cos(RELIEF) + np.random.default_rng(2).normal(0, noise, RELIEF.shape)).astype(
             np.float32
         )
-        band = Band(1 / PERIOD, 0.0, 0.6 / PERIOD, 0.6 / PERIOD)
+        band = Band(1 / PERIOD, 0.0, 0.9 / PERIOD, 0.9 / PERIOD)
         found = analytic_signal(frame, np.ones(frame.shape, bool), band)
         kept = single_frame(
             found, frame, np.ones(frame.shape, bool), np.zeros(frame.shape, bool), band,
             noise=NoiseModel(float(noise**2), 0.0),
         )  # fmt: skip
         carrier = 2 * np.pi / PERIOD
-        bank = Bank((0.5 * carrier, 1.5 * carrier), (-0.4 * carrier, 0.4 * carrier), PERIOD)
+        bank = Bank((0.1 * carrier, 1.9 * carrier), (-0.9 * carrier, 0.9 * carrier), PERIOD)
         threshold = 3 * noise_of_coefficients(float(noise), PERIOD, is_complex=False)
         phases = {
             "fourier": np.arctan2(found.sine, found.cosine),

@@ -55,9 +55,9 @@ class FourierDecoder:
         ] = True
         bandwidth: Annotated[
             float,
-            Meta(ge=0, le=1, description="half width of the band over the carrier's; 0: 0.6, 0.8 with a second frame"),
-        ] = 0.0
-        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... across the carrier's direction")] = 0.6
+            Meta(gt=0, le=1, description="half width of the band over the carrier's frequency"),
+        ] = 0.9
+        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... across the carrier's direction")] = 0.9
         window: Annotated[Literal["tukey", "hann"], Meta(description="shape of the band")] = "tukey"
         flat: Annotated[float, Meta(ge=0, le=0.95, description="part of a Tukey band that is flat")] = 0.5
         iterations: Annotated[

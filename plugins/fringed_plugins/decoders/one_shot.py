@@ -132,8 +132,8 @@ class OneShotFrequenciesDecoder:
 
         bandwidth: Annotated[
             float, Meta(gt=0, le=1, description="half width of each band over its carrier's frequency")
-        ] = 0.5  # fmt: skip
-        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... across the carrier's direction")] = 0.5
+        ] = 0.9  # fmt: skip
+        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... across the carrier's direction")] = 0.9
         flat: Annotated[float, Meta(ge=0, le=0.95, description="part of a band that is flat")] = 0.5
         iterations: Annotated[
             int, Meta(ge=0, le=50, description="rounds that continue the fringes into holes and beyond borders")

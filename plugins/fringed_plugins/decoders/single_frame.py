@@ -140,8 +140,9 @@ def band_of(fringes: Fringes, frame_set: FrameSet, params: Any) -> Band:
             periods = projector_size_px(frame_set.sequence) / fringes.frame.period_px
             picture = fringes.light if fringes.background is None else fringes.light - fringes.background
             carrier = find_carrier(picture, periods / fringes.light.shape[1])
-        half = params.bandwidth or (0.6 if fringes.background is None else 0.8)
-        return band_around(carrier, half, params.cross_bandwidth, 0.0 if params.window == "hann" else params.flat)
+        return band_around(
+            carrier, params.bandwidth, params.cross_bandwidth, 0.0 if params.window == "hann" else params.flat
+        )
     except ValueError as error:
         raise DataError(f"the set {frame_set.id or 'without id'}: {error}") from error
 

@@ -76,8 +76,8 @@ class WindowedFourier:
         ] = 0.5
         bandwidth: Annotated[
             float, Meta(gt=0, le=1, description="local frequencies along the carrier, over its own")
-        ] = 0.5
-        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... and across it")] = 0.4
+        ] = 0.9
+        cross_bandwidth: Annotated[float, Meta(gt=0, le=1, description="... and across it")] = 0.9
         use_second_frame: Annotated[
             bool, Meta(description="take the background from a second frame, where there is one")
         ] = True

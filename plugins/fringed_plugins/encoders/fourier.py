@@ -37,7 +37,7 @@ class FourierEncoder:
 
         periods: Annotated[
             float, Meta(gt=0, le=4096, description="across the projector", extra_json_schema={"units": "periods"})
-        ] = 64.0
+        ] = 96.0
         initial_phase_rad: Annotated[
             float, Meta(ge=-7, le=7, description="phase of the first column", extra_json_schema={"units": "rad"})
         ] = 0.0

@@ -103,7 +103,7 @@ class OneShotFrequenciesEncoder:
         periods: Annotated[
             list[Annotated[int, Meta(ge=1, le=4096)]],
             Meta(min_length=3, max_length=3, description="across the projector, in red, green and blue, rising"),
-        ] = msgspec.field(default_factory=lambda: [25, 40, 64])
+        ] = msgspec.field(default_factory=lambda: [40, 59, 96])
         expected_phase_noise_rad: Annotated[
             float,
             Meta(gt=0, le=1, description="of one filtered carrier, for the choice of periods",

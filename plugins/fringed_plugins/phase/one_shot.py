@@ -11,11 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from fringed_plugins.phase.bands import Band, band_around, find_carrier
 from fringed_plugins.phase.cleaning import clean
 from fringed_plugins.phase.decoded import Decoded, Thresholds
-from fringed_plugins.phase.fourier import FrameLimits, SingleFrame, analytic_signal, lit, single_frame
+from fringed_plugins.phase.fourier import RESIDUAL, FrameLimits, SingleFrame, analytic_signal, lit, single_frame
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import Group
 from fringed_plugins.phase.temporal.joint import Orders, find_orders, search_of
@@ -24,7 +25,8 @@ Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
 
 _SURE_SIGMAS = 4.5
-_FRINGE_ORDER, _OUT_OF_RANGE = np.uint16(4), np.uint16(16)
+_FRINGE_ORDER, _OUT_OF_RANGE, _ISOLATED = np.uint16(4), np.uint16(16), np.uint16(32)
+_ISLAND_PERIODS2 = 2.0  # squared periods of the coarsest carrier
 
 
 class Carrier(NamedTuple):
@@ -44,8 +46,8 @@ class Filters:
     """
 
     carrier_period_px: float = 0.0
-    bandwidth: float = 0.5
-    cross_bandwidth: float = 0.5
+    bandwidth: float = 0.9
+    cross_bandwidth: float = 0.9
     flat: float = 0.5
     iterations: int = 3
     systematic_rad: float = 0.05
@@ -80,10 +82,10 @@ def three_carriers(
     Examples
     --------
     >>> u = np.linspace(100, 900, 640) + np.zeros((64, 1))
-    >>> carriers = [Carrier(1024 / n, 0.0, NoiseModel(1.0, 0.0)) for n in (25, 40, 64)]
+    >>> carriers = [Carrier(1024 / n, 0.0, NoiseModel(1.0, 0.0)) for n in (40, 59, 96)]
     >>> frames = np.array([100 + 80 * np.cos(2 * np.pi * u / c.period_px) for c in carriers], np.float32)
     >>> found = three_carriers(frames, np.zeros(u.shape, bool), carriers, 1024)
-    >>> bool(np.nanmax(np.abs(found.phase_rad * 16 / (2 * np.pi) - u)[:, 40:-40]) < 0.1)
+    >>> bool(np.nanmax(np.abs(found.phase_rad * 1024 / 96 / (2 * np.pi) - u)[:, 40:-40]) < 0.1)
     True
 
     References
@@ -105,7 +107,8 @@ def three_carriers(
         alone = single_frame(found, channel, valid, saturated, band, noise=noise, limits=filters.limits)
         phases[place] = np.arctan2(found.sine, found.cosine)
         lights[place], background = alone.modulation, alone.background
-        rejected |= alone.rejected
+        # A coarse carrier only helps with the order, and the search finds out where it is wrong.
+        rejected |= alone.rejected if index == ranked[-1] else alone.rejected & ~RESIDUAL
         gains.append(float(found.noise_gain) * noise.constant_dn2 / carriers[ranked[-1]].noise.constant_dn2)
         report((place + 1) / (len(ranked) + 1))
     search = search_of(
@@ -116,7 +119,34 @@ def three_carriers(
     orders = find_orders(phases, lights, background, search, threads)
     decoded = _judged(orders, alone._replace(rejected=rejected), groups[-1], size_px)
     clean(decoded, groups[-1], Thresholds(border_glow=0.0), size_px, threads)
+    _drop_islands(decoded, bands[0].period_px)
     return decoded
+
+
+def _confidence(orders: Orders) -> Float32Array:
+    """Return how many standard deviations the next order is from being taken."""
+    best, second = np.maximum(orders.best, 0), np.maximum(orders.second, 0)
+    return np.asarray((np.sqrt(second) - np.sqrt(best)) / 2, np.float32)
+
+
+def _drop_islands(decoded: Decoded, period_px: float) -> None:
+    """Drop, in place, connected regions that are smaller than what the coarsest filter can see.
+
+    Neighbours are connected where their phases differ by less than half a turn: a patch of wrong orders, as a filter
+    leaves them beside a step, stands by itself.
+    """
+    phase = decoded.phase_rad
+    joined = np.zeros((2 * phase.shape[0] - 1, 2 * phase.shape[1] - 1), bool)  # pixels, and links between them
+    kept = decoded.rejected == 0
+    joined[::2, ::2] = kept
+    joined[::2, 1::2] = np.abs(np.diff(phase, axis=1)) < np.pi  # False beside NaN
+    joined[1::2, ::2] = np.abs(np.diff(phase, axis=0)) < np.pi
+    labels = ndimage.label(joined)[0][::2, ::2]
+    small = np.bincount(labels.ravel()) < _ISLAND_PERIODS2 * period_px**2
+    lost = kept & small[labels]
+    decoded.rejected[lost] |= _ISOLATED
+    decoded.phase_rad[lost] = np.nan
+    decoded.sigma_rad[lost] = np.nan
 
 
 def _judged(orders: Orders, finest: SingleFrame, group: Group, size_px: int) -> Decoded:
@@ -135,7 +165,7 @@ def _judged(orders: Orders, finest: SingleFrame, group: Group, size_px: int) -> 
         background=finest.background,
         wrapped_rad=np.empty((0, 0), np.float32),
         rejected=rejected,
-        confidence=np.asarray((np.sqrt(orders.second) - np.sqrt(orders.best)) / 2, np.float32),
+        confidence=_confidence(orders),
     )
 
 

@@ -14,7 +14,7 @@ FEWEST_PERIODS = 12
 SHORTEST_PERIOD_PX = 6.0
 MIN_RATIO = 1.25
 _SAFE_SIGMAS = 5.0
-_GOOD_SET = (25, 40, 64)
+_GOOD_SET = (40, 59, 96)
 
 
 def check_carrier(length_px: int, periods: float) -> None:
@@ -29,7 +29,7 @@ def check_carrier(length_px: int, periods: float) -> None:
     if not np.isfinite(periods) or periods < FEWEST_PERIODS:
         raise ValueError(
             f"{periods:g} periods across the projector are too few for a single frame: the fringes' band, half their "
-            f"frequency wide, would hold the background too; use {FEWEST_PERIODS} to {most}, such as {min(64, most)}"
+            f"frequency wide, would hold the background too; use {FEWEST_PERIODS} to {most}, such as {min(96, most)}"
         )
     if length_px / periods < SHORTEST_PERIOD_PX:
         raise ValueError(

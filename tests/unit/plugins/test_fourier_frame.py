@@ -25,8 +25,8 @@ def relief(width=WIDTH, height=HEIGHT, bump_px=12.0):
     return truth.columns(width, height, 100, 800) + bump
 
 
-def sequence(**params):
-    return FourierEncoder().encode(FourierEncoder.Params(**params), TARGET)
+def sequence(periods=64, **params):
+    return FourierEncoder().encode(FourierEncoder.Params(periods=periods, **params), TARGET)
 
 
 def error(phase_map, u):

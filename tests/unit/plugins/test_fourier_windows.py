@@ -107,7 +107,7 @@ def test_dropped_pixels_stay_dropped_and_weak_ridges_are():
 
 @pytest.mark.parametrize("method", ["filter", "ridges"])
 def test_frame_with_a_carrier_is_decoded(method):
-    made = FourierEncoder().encode(FourierEncoder.Params(), ProjectorTarget(1024, 768))
+    made = FourierEncoder().encode(FourierEncoder.Params(periods=64), ProjectorTarget(1024, 768))
     u = truth.columns(WIDTH, HEIGHT, 100, 800) + 4 * np.exp(-((X - 160) ** 2 + (Y - 110) ** 2) / (2 * 50.0**2))
     found = truth.run(WindowedFourier, {"frames": truth.seen(made, u, 8.0, gain=0.8)}, method=method)
     error = truth.wrapped(found.phase_rad - 2 * np.pi * u / 16)
