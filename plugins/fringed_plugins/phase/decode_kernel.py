@@ -19,6 +19,7 @@ from fringed_plugins.phase.finish_kernel import (
     Limits,
     Maps,
     last_level,
+    three_levels,
     write_confidence,
     write_residual,
     write_sigma,
@@ -183,6 +184,19 @@ def _finish(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> 
         last_level(sums, level, state, limits, block, maps)
 
 
+@njit(**options)
+def _three_fours(v: Any, plan: Any, limits: Limits, block: Block, maps: Maps) -> None:
+    """Decode three groups of four frames in one loop: the set that is the most used by far."""
+    i = plan.place
+    rows = (
+        (v[i[0, 0]], v[i[0, 1]], v[i[0, 2]], v[i[0, 3]]),
+        (v[i[1, 0]], v[i[1, 1]], v[i[1, 2]], v[i[1, 3]]),
+        (v[i[2, 0]], v[i[2, 1]], v[i[2, 2]], v[i[2, 3]]),
+    )
+    levels = (_level(plan, 0, limits), _level(plan, 1, limits), _level(plan, 2, limits))
+    three_levels(rows, levels, plan.centre_turns, limits, block, maps)
+
+
 @kept(*_CALLED, **options)
 def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode groups of blocks `start` to `stop` of `frames` (n, pixels) into the state, or the maps, of `job`.
@@ -193,10 +207,16 @@ def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> 
     block = _new_block()
     scratch_state = new_state(1 if part.kept else BLOCK_PX, out.confidence.size > 0)
     scratch_sums = new_sums(frames, 1 if part.summed else BLOCK_PX, plan.normal[0])
+    three_fours = part.finishes and part.last - part.first == 3 and scratch_state.margin.size == 0
+    three_fours = three_fours and plan.form[0] == 4 and plan.form[1] == 4 and plan.form[2] == 4
     for number in range(start, stop):
         a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
         v = frames[:, a:b]
         state = _state_between(kept_state, a, b) if part.kept else scratch_state
+        if three_fours:
+            _three_fours(v, plan, limits, block, Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b]))
+            _write_further(a, b, limits, block, state.margin, out)
+            continue
         if part.first == 0:
             begin_state(state, plan.centre_turns)
         for g in range(part.first, part.last):

@@ -69,6 +69,15 @@ class Level(NamedTuple):
 
 
 @njit(**options)
+def next_turns(cosine: Any, sine: Any, before: Any, level: Level) -> tuple[Any, Any]:
+    """Return a level's phase in turns, with the integer that the level before predicts, and how far off that is."""
+    part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
+    predicted = level.ratio * before
+    turns = part + ((predicted - part + ROUND) - ROUND)
+    return turns, abs(predicted - turns) * level.counts
+
+
+@njit(**options)
 def copy_pixels(source: Any, target: Any) -> None:
     """Copy pixels; numba's own assignment of arrays first asks whether they overlap, at ten times the cost."""
     for x in range(target.size):
@@ -92,10 +101,7 @@ def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -
     turns, squares, weakest, flags = state.turns, state.squares, state.weakest, state.flags
     for x in range(count):
         _, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
-        part = fast_atan2(sine, cosine) * PER_TURN - level.initial_turns
-        predicted = level.ratio * turns[x]
-        fine = part + ((predicted - part + ROUND) - ROUND)
-        off = abs(predicted - fine) * level.counts
+        fine, off = next_turns(cosine, sine, turns[x], level)
         modulation2 = cosine * cosine + sine * sine
         turns[x] = fine
         block.off[x] = off

@@ -82,6 +82,18 @@ def test_frames_in_any_order_give_the_same_maps_to_rounding(name):
     assert_alike(whole, streamed(stack, groups, 1024, order, limits, ALL), rounding=40)
 
 
+def test_the_loop_over_three_groups_at_once_gives_what_one_after_the_other_gives():
+    stack, groups = noisy(SETS["four steps"])
+    stack[1, 3, 50:60], stack[6, 4, 50:60], stack[11, 5, 50:60] = 255, 255, 255
+    stack[4:8, 6, 50:90] = stack[8:12, 6, 50:90]  # orders that contradict each other
+    stack[8:, 7, 50:90] = 100
+    limits = Thresholds(saturation_dn=255.0, modulation_drop=0.2)
+    keep = Keep(wrapped=True, residual=True)
+    whole = decode(stack, groups, NOISE, limits, 1024, keep=keep)
+    assert_alike(whole, streamed(stack, groups, 1024, range(12), limits, keep), rounding=40)
+    assert all((whole.rejected & reason).any() for reason in (1, 2, 4, 8, 64))
+
+
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
 @pytest.mark.parametrize("steps", [3, 4, 5, 6, 9])
 def test_wrapped_phase_of_one_group_is_streamed(kind, steps):
