@@ -12,7 +12,7 @@ import argparse
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +28,17 @@ from fringed.testing import RecordingContext
 WIDTH_PX, HEIGHT_PX = 1024, 768
 SNRS = (50.0, 25.0, 12.0, 6.0, 3.0)
 GAMMAS = (1.0, 1.4, 1.8, 2.2, 2.6)
+STEPS = tuple(range(3, 13))
+SKIN = (1.0, 0.7, 0.55)  # what a surface reflects of red, green and blue
 
 
 @dataclass(frozen=True)
 class Method:
-    """One way from patterns to phase. `spatial` names the unwrapping that follows a wrapped phase."""
+    """One way from patterns to phase.
+
+    `spatial` names the unwrapping that follows a wrapped phase; `seen` are conditions of the method's own: a projector
+    out of focus, a coloured surface.
+    """
 
     label: str
     encoder: str
@@ -40,13 +46,18 @@ class Method:
     params: Mapping[str, Any] = field(default_factory=dict)
     decoding: Mapping[str, Any] = field(default_factory=dict)
     spatial: str = ""
+    seen: Mapping[str, Any] = field(default_factory=dict)
 
 
+_DITHERED = {"periods": 32, "steps": 4, "style": "binary-dithered"}
 METHODS = (
     Method("phase-shift N=3", "phase-shift", "phase-shift", {"periods": 64, "steps": 3}),
     Method("phase-shift N=4", "phase-shift", "phase-shift", {"periods": 64, "steps": 4}),
     Method("phase-shift N=6", "phase-shift", "phase-shift", {"periods": 64, "steps": 6}),
     Method("phase-shift N=8", "phase-shift", "phase-shift", {"periods": 64, "steps": 8}),
+    Method("double steps 2 x 3", "phase-shift", "phase-shift", {"periods": 64, "steps": 3, "double": True}),
+    Method("complements 2 x 3", "phase-shift", "phase-shift", {"periods": 64, "steps": 3, "inverse": True}),
+    Method("dithered, blur 3 px", "phase-shift", "phase-shift", _DITHERED, {}, "", {"blur_px": 3.0}),
     Method("unknown-shifts N=5", "phase-shift", "unknown-shifts", {"periods": 64, "steps": 5}),
     Method("spatial unwrapping N=4", "phase-shift", "phase-shift", {"periods": 64, "steps": 4}, {}, "quality-guided"),
     Method("multi-frequency 3 x 4", "multi-frequency", "multi-frequency"),
@@ -58,7 +69,9 @@ METHODS = (
     Method("fourier", "fourier", "fourier"),
     Method("windowed-fourier", "fourier", "windowed-fourier"),
     Method("one-shot-phase-shift", "one-shot-phase-shift", "one-shot-phase-shift"),
+    Method("one-shot, coloured", "one-shot-phase-shift", "one-shot-phase-shift", {}, {}, "", {"colour": SKIN}),
     Method("one-shot-frequencies", "one-shot-frequencies", "one-shot-frequencies"),
+    Method("one-shot-freq., coloured", "one-shot-frequencies", "one-shot-frequencies", {}, {}, "", {"colour": SKIN}),
 )
 
 
@@ -108,7 +121,7 @@ def measured(catalogue: Catalogue, method: Method, scene: Scene, how: Conditions
 
     from fringed.errors import DataError
 
-    frames = see(encoded(catalogue, method, curve), scene, how)
+    frames = see(encoded(catalogue, method, curve), scene, replace(how, **method.seen))
     try:
         return errors_of(decoded(catalogue, method, frames, CROSSTALK / CROSSTALK.sum(axis=1, keepdims=True)), scene)
     except DataError:
@@ -120,13 +133,28 @@ def tone_curve(gamma: float) -> Any:
     return (np.arange(256) / 255.0) ** gamma
 
 
+def steps_tables(catalogue: Catalogue) -> dict[str, list[float]]:
+    """Return RMS errors in pixels against the number of steps of 16 px: noise alone, then three gammas alone."""
+    scene = relief()
+    found: dict[str, list[float]] = {}
+    for steps in STEPS:
+        method = Method("", "phase-shift", "phase-shift", {"periods": 64, "steps": steps})
+        noisy = measured(catalogue, method, scene, Conditions(snr=SNRS[1]))
+        found.setdefault(f"noise, SNR {SNRS[1]:g}", []).append(noisy.rms_px)
+        found.setdefault("predicted", []).append(noisy.sigma_px)
+        for gamma in GAMMAS[1:4]:
+            bent = measured(catalogue, method, scene, without_noise(Conditions(), gamma=gamma))
+            found.setdefault(f"gamma {gamma:g}", []).append(bent.rms_px)
+    return found
+
+
 def tables(catalogue: Catalogue, methods: Sequence[Method]) -> dict[str, Any]:
     """Return everything that the comparison shows, by method."""
     smooth, stepped = relief(), relief(steps=True)
     found: dict[str, Any] = {}
     for method in methods:
         sequence = encoded(catalogue, method)
-        frames = see(sequence, smooth, Conditions())
+        frames = see(sequence, smooth, Conditions(**method.seen))
         decoded(catalogue, method, frames)  # compiled
         begun_s = time.perf_counter()
         for _ in range(3):
@@ -166,6 +194,9 @@ def main() -> None:
     for label, row in found.items():
         plain, made = (" ".join(f"{point['rms_px']:7.4f}" for point in row[key]) for key in ("gamma", "compensated"))
         print(f"{label:24}{plain}    {made}")
+    print(f"\n{'RMS px of 16 px at N =':24}" + " ".join(f"{steps:7}" for steps in STEPS))
+    for label, errors in steps_tables(catalogue).items():
+        print(f"{label:24}" + " ".join(f"{error:7.4f}" for error in errors))
     info("methods compared", f"{len(found)} of {len(METHODS)}")
     if asked.json:
         asked.json.write_text(json.dumps(found))
