@@ -12,6 +12,7 @@ from typing import Any
 from fringed.hookspecs import hookimpl
 from fringed_plugins.decoders.colour import MeasureCrosstalk
 from fringed_plugins.decoders.correction import CorrectPhase, HarmonicCorrection, PhaseErrorTableMaker
+from fringed_plugins.decoders.exposures import SuggestExposures
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.fusion import FuseExposures
 from fringed_plugins.decoders.gray import GrayCodeDecoder, GrayPhaseShiftDecoder
@@ -64,6 +65,7 @@ def register_processors() -> Sequence[type[Any]]:
         Unwrap,
         FourierDecoder,
         FuseExposures,
+        SuggestExposures,
         WindowedFourier,
         UnknownShiftsDecoder,
         MeasureCrosstalk,

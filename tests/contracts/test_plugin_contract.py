@@ -64,6 +64,7 @@ def inputs(frame_set, calibration):
         "unwrap-difference": pair,
         "unwrap": {"phase": wrapped[0]},
         "fuse-exposures": {"maps": (absolute, absolute)},
+        "suggest-exposures": {"frames": (frame_set("phase-shift"),)},
         "triangulate": {"phase": absolute, "calibration": calibration},
         "reference-plane": {"phase": product("unwrap-difference", pair), "calibration": calibration},
     }
@@ -83,6 +84,7 @@ def test_all_built_in_plug_ins_load():
         "unwrap-difference",
         "unwrap",
         "fuse-exposures",
+        "suggest-exposures",
         "triangulate",
         "reference-plane",
     ],

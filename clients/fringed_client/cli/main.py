@@ -19,6 +19,7 @@ COMMANDS = {
     "status": ("live", "How the station is: devices, workers, lease, quarantine."),
     "watch": ("live", "Follow the stream: rates, drops, latest values."),
     "scan": ("scanning", "Take sets, decode them, and get a range image."),
+    "exposure": ("exposure", "Suggest exposures for what stands before the rig."),
     "latency": ("scanning", "Measure the display-to-camera delay."),
     "tone": ("tone", "Measure, verify and show the projector's tone curve."),
     "list": ("records", "List what is recorded, newest first."),

@@ -25,7 +25,7 @@ PIPELINES: dict[str, Any] = {
             "stages": [{"processor": "heterodyne", "name": "phase"}, {"processor": "triangulate", "name": "range"}],
         },
         "number-theoretic": {
-            "summary": "2 frequencies with coprime periods x 4 steps: absolute phase from 8 frames",
+            "summary": "fine frequencies only, the best for the projector, 3 steps each: the least noise, with a sharp projector",
             "encoder": "number-theoretic",
             "stages": [
                 {"processor": "number-theoretic", "name": "phase"},
@@ -69,6 +69,14 @@ PIPELINES: dict[str, Any] = {
             "encoder": "colour-bars",
             "camera": {"channel": "rgb"},
             "stages": [{"processor": "crosstalk", "name": "crosstalk"}],
+        },
+        "exposure": {
+            "summary": "4 steps with exposures of 1/8, 1 and 8 times: what `fringe exposure` measures",
+            "encoder": "phase-shift",
+            "encoder_params": {"periods": 32, "steps": 4},
+            "roles": ["object-short", "object", "object-long"],
+            "role_camera": {"object-short": {"exposure_factor": 0.125}, "object-long": {"exposure_factor": 8.0}},
+            "stages": [{"processor": "suggest-exposures", "name": "exposures"}],
         },
         "thesis": {
             "summary": "6 steps on a reference plane and 6 on the object, spatial unwrapping of the difference",

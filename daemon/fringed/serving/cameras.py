@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fringed.config import CameraConfig, validate
+from fringed.config import CameraConfig, merged, validate
 from fringed.config.cameras import FACTOR, SETTINGS
 from fringed.data import CameraSettings
 from fringed.errors import ConfigurationError, Problem, UsageError
@@ -25,6 +25,19 @@ def camera_settings(config: CameraConfig, over: Tables, path: str = "camera") ->
         raise ConfigurationError(f"{len(unknown)} problem{'s' * (len(unknown) > 1)} in {path}:", tuple(unknown))
     chosen = validate({**{name: getattr(config, name) for name in SETTINGS}, **over}, CameraConfig, path)
     return CameraSettings(**{name: getattr(chosen, name) for name in SETTINGS})
+
+
+def merged_roles(base: Tables, over: Tables) -> dict[str, Any]:
+    """Return tables of roles merged; who gives an exposure for a role does not mean a share of it."""
+    kept = {
+        role: {key: value for key, value in table.items() if key != FACTOR} if _sets_exposure(over.get(role)) else table
+        for role, table in base.items()
+    }
+    return merged(kept, over)
+
+
+def _sets_exposure(table: Any) -> bool:
+    return isinstance(table, Mapping) and "exposure_us" in table
 
 
 def settings_by_role(

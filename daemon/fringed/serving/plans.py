@@ -15,7 +15,7 @@ from fringed.config import PipelineConfig, PresetConfig, StationConfig, merged
 from fringed.data import CameraSettings
 from fringed.errors import NotFound, UsageError
 from fringed.messages import StageCall
-from fringed.serving.cameras import settings_by_role
+from fringed.serving.cameras import merged_roles, settings_by_role
 
 Tables = Mapping[str, Any]
 STAGE_KINDS = ("processor", "encoder", "exporter", "scene")
@@ -71,7 +71,7 @@ def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
     roles = _roles(pipeline, name, wish)
     params = merged(merged(pipeline.encoder_params, preset.encoder_params), wish.encoder_params)
     camera = merged(merged(pipeline.camera, preset.camera), wish.camera)
-    by_role = merged(merged(pipeline.role_camera, preset.role_camera), wish.role_camera)
+    by_role = merged_roles(merged_roles(pipeline.role_camera, preset.role_camera), wish.role_camera)
     settings = settings_by_role(config.camera, camera, by_role, pipeline.roles)
     return Plan(
         name,

@@ -114,7 +114,7 @@ def test_a_role_has_camera_settings_of_its_own_over_those_of_the_scan():
     assert exposures() == {"object": ("red", 8000), "object-short": ("red", 2000)}
     assert exposures(camera={"exposure_us": 4000}) == {"object": ("red", 4000), "object-short": ("red", 1000)}
     assert exposures(pipeline="", preset="bright") == {"object": ("red", 8000), "object-short": ("red", 800)}
-    asked = {"object-short": {"exposure_us": 500, "exposure_factor": 1}}
+    asked = {"object-short": {"exposure_us": 500}}
     assert exposures(role_camera=asked)["object-short"] == ("red", 500)
     assert exposures(roles=["object"]) == {"object": ("red", 8000)}
 
