@@ -45,6 +45,7 @@ $(VENV)/.dev: $(VENV)/.installed
 
 $(VENV)/.bench: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	$(BIN)/python -m pip install --quiet --no-deps 'fringes>=2.1'  # its opencv-contrib would overwrite the headless OpenCV
 	touch $@
 
 clean:
