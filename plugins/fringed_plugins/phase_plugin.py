@@ -17,6 +17,7 @@ from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.decoders.fusion import FuseExposures
 from fringed_plugins.decoders.gray import GrayCodeDecoder, GrayPhaseShiftDecoder
 from fringed_plugins.decoders.heterodyne import HeterodyneDecoder
+from fringed_plugins.decoders.levels import FuseLevels
 from fringed_plugins.decoders.number_theoretic import NumberTheoreticDecoder
 from fringed_plugins.decoders.one_shot import OneShotFrequenciesDecoder, OneShotPhaseShiftDecoder
 from fringed_plugins.decoders.sinusoidal import MultiFrequencyDecoder, PhaseShiftDecoder
@@ -65,6 +66,7 @@ def register_processors() -> Sequence[type[Any]]:
         Unwrap,
         FourierDecoder,
         FuseExposures,
+        FuseLevels,
         SuggestExposures,
         WindowedFourier,
         UnknownShiftsDecoder,

@@ -25,7 +25,7 @@ PIPELINES: dict[str, Any] = {
             "stages": [{"processor": "heterodyne", "name": "phase"}, {"processor": "triangulate", "name": "range"}],
         },
         "number-theoretic": {
-            "summary": "fine frequencies only, the best for the projector, 3 steps each: the least noise, with a sharp projector",
+            "summary": "fine frequencies only, the best for the projector, 3 steps each: least noise, sharp projector",
             "encoder": "number-theoretic",
             "stages": [
                 {"processor": "number-theoretic", "name": "phase"},
@@ -93,6 +93,12 @@ PIPELINES: dict[str, Any] = {
                 },
                 {"processor": "reference-plane", "name": "range", "inputs": {"phase": "phase"}},
             ],
+        },
+        "hdr-levels": {
+            "summary": "3 frequencies x 4 steps with all and with a quarter of the light: shiny surfaces, one exposure",
+            "encoder": "multi-frequency",
+            "encoder_params": {"periods": [1, 8, 64], "steps": 4, "levels": [1.0, 0.25]},
+            "stages": [{"processor": "fuse-levels", "name": "phase"}, {"processor": "triangulate", "name": "range"}],
         },
         "tone": {
             "summary": "a grey ramp on any light surface: the projector's tone curve, added to the calibration",

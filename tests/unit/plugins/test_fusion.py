@@ -270,3 +270,32 @@ def test_confidence_is_the_best_of_those_that_count(bracket):
     only = [one.rejected == 0 for one in bracket]
     assert np.all(fused.confidence[only[0] & ~only[1] & ~only[2]] == 3.0)
     assert np.all(fused.confidence[only[1] & ~only[0] & ~only[2]] == 9.0)
+
+
+def test_levels_of_one_set_are_decoded_by_themselves_and_fused():
+    from fringed.data import CameraSettings, FrameSet
+    from fringed.hookspecs import ProjectorTarget
+    from fringed_plugins.decoders.levels import FuseLevels, level_of
+    from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder
+
+    encoder = MultiFrequencyEncoder()
+    params = encoder.Params(periods=[1, 8, 32], levels=[1.0, 0.25])
+    sequence = encoder.encode(params, ProjectorTarget(256, 192))
+    rng = np.random.default_rng(4)
+    u = np.linspace(20, 236, 180) + np.zeros((60, 1))
+    gain = np.where(u > 128, 3.5, 0.8)  # the right half is shiny: at full level it saturates
+    light = [2 + gain * np.interp(u, np.arange(256), pattern[0, :, 0]) for pattern in sequence.patterns]
+    noise = [np.sqrt(0.06 + one / 51) * rng.standard_normal(u.shape) for one in light]
+    frames = np.clip(np.rint(np.add(light, noise)), 0, 255).astype(np.uint8)
+    settings = CameraSettings(electrons_per_dn=51.0, read_noise_electrons=12.0)
+    frame_set = FrameSet(frames, sequence, settings=settings)
+    fused = FuseLevels().run({"frames": frame_set}, FuseLevels.Params(), RecordingContext())
+    kept = fused.rejected == 0
+    assert kept.mean() > 0.97
+    column = fused.phase_rad * fused.period_px / (2 * np.pi)
+    assert np.abs(column - u)[kept].max() < 0.5
+    assert np.median(fused.sigma_rad[:, :80]) < 0.05
+    assert len(level_of(frame_set, 0.25).frames) == 12
+    one = level_of(frame_set, 1.0)
+    with pytest.raises(DataError, match="level 1 only"):
+        FuseLevels().run({"frames": one}, FuseLevels.Params(), RecordingContext())
