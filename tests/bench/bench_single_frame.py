@@ -199,7 +199,7 @@ def colours() -> None:
     for name, surface in (("grey", (1.0, 1.0, 1.0)), ("mildly coloured (1, .8, .65)", (1.0, 0.8, 0.65))):
         clean = 2 + 200 * np.einsum("cj,jhw->chw", MIX, np.reshape(surface, (3, 1, 1)) * light)
         seen = np.clip(np.rint(clean + _rng.normal(0, 1.5, clean.shape)), 0, 255).astype(np.uint8)
-        for method in ("none", "local"):
+        for method in ("none", "global", "local"):
             for how, colours_ in (("unmixed", known), ("raw", none)):
                 gains = balance(unmix(seen, colours_), method, period_px=PERIOD)  # type: ignore[arg-type]
                 found = three_steps(seen, steps, colours_, noise, limits, gains=gains, threads=2)

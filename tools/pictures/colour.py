@@ -33,6 +33,7 @@ SURFACES = {
 WAYS = (
     ("as the camera gives it", "raw", "none", "#999999"),
     ("unmixed", "unmixed", "none", "#d55e00"),
+    ("unmixed, global balance", "unmixed", "global", "#56b4e9"),
     ("unmixed, local balance", "unmixed", "local", "#0072b2"),
     ("unmixed, white frame", "unmixed", "white", "#009e73"),
 )
@@ -67,9 +68,9 @@ def bars(axes: Any) -> None:
         for number, (label, how, method, colour) in enumerate(WAYS):
             off, sigma = error(seen, RELIEF, how, method, white)
             rms = float(np.sqrt(np.nanmean(off**2)))
-            at = place + 0.2 * (number - 1.5)
-            axes.bar(at, rms, 0.18, color=colour, label=label if place == 0 else None)
-            axes.plot([at - 0.09, at + 0.09], [sigma, sigma], color=INK, linewidth=1.5)
+            at = place + 0.17 * (number - 2)
+            axes.bar(at, rms, 0.16, color=colour, label=label if place == 0 else None)
+            axes.plot([at - 0.08, at + 0.08], [sigma, sigma], color=INK, linewidth=1.5)
             axes.text(at, rms * 1.06, f"{rms:.3f}"[1:], ha="center", fontsize=6.5, color=INK)
     axes.plot([], [], color=INK, linewidth=1.5, label="stated noise")
     axes.set_yscale("log")
@@ -130,7 +131,7 @@ def main() -> None:
     titled(axes[0], "one exposure, three steps", simulated=False)
     bars(axes[1])
     motion(axes[2])
-    small(save(drawn, PICTURES / "colour.png"))
+    small(save(drawn, PICTURES / "colour.png"), 256)
 
 
 if __name__ == "__main__":

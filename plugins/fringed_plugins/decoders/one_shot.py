@@ -40,7 +40,7 @@ class OneShotPhaseShiftDecoder:
 
     Colours are unmixed with the calibration's crosstalk, then balanced: three steps in three colours are right
     only where the surface reflects them alike, or where that is divided out. By itself, balance takes a white
-    frame where the set has one, else means over a period.
+    frame where the set has one, else one factor for each channel of the whole picture.
 
     References
     ----------
@@ -59,7 +59,7 @@ class OneShotPhaseShiftDecoder:
 
         balance: Annotated[
             Literal["auto", "none", "global", "local", "white"],
-            Meta(description="how a coloured surface is allowed for; auto: white where it was taken, else local"),
+            Meta(description="how a coloured surface is allowed for; auto: white where it was taken, else global"),
         ] = "auto"
         carrier_period_px: Annotated[
             float,
@@ -221,7 +221,7 @@ def _balance_of(frame_set: FrameSet, params: OneShotPhaseShiftDecoder.Params) ->
     places = channel_places(frame_set.sequence, "uniform")
     if params.balance == "white" or (params.balance == "auto" and places is not None):
         return "white", None if places is None else frame_set.frames[list(places)]
-    return ("local" if params.balance == "auto" else params.balance), None
+    return ("global" if params.balance == "auto" else params.balance), None
 
 
 def _gains(
