@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -148,6 +148,13 @@ def steps_tables(catalogue: Catalogue) -> dict[str, list[float]]:
     return found
 
 
+def timed(work: Callable[[], Any]) -> float:
+    """Return how many seconds `work` takes."""
+    begun_s = time.perf_counter()
+    work()
+    return time.perf_counter() - begun_s
+
+
 def tables(catalogue: Catalogue, methods: Sequence[Method]) -> dict[str, Any]:
     """Return everything that the comparison shows, by method."""
     smooth, stepped = relief(), relief(steps=True)
@@ -155,15 +162,13 @@ def tables(catalogue: Catalogue, methods: Sequence[Method]) -> dict[str, Any]:
     for method in methods:
         sequence = encoded(catalogue, method)
         frames = see(sequence, smooth, Conditions(**method.seen))
-        decoded(catalogue, method, frames)  # compiled
-        begun_s = time.perf_counter()
-        for _ in range(3):
-            decoded(catalogue, method, frames)
+        kind = decoded(catalogue, method, frames).kind  # compiled now
+        seconds = [timed(lambda m=method, f=frames: decoded(catalogue, m, f)) for _ in range(5)]
         shots = {f.shot for f in sequence.frames if f.shot >= 0}
         found[method.label] = {
             "exposures": len(shots) or len(sequence.frames),
-            "absolute": decoded(catalogue, method, frames).kind == "absolute",
-            "ms": 1e3 * (time.perf_counter() - begun_s) / 3 * (1392 * 1040) / (512 * 160),
+            "absolute": kind == "absolute",
+            "ms": 1e3 * float(np.median(seconds)) * (1392 * 1040) / (512 * 160),
             "noise": [asdict(measured(catalogue, method, smooth, Conditions(snr=snr))) for snr in SNRS],
             "steps": [asdict(measured(catalogue, method, stepped, Conditions(snr=snr))) for snr in SNRS],
             "gamma": [
