@@ -40,11 +40,11 @@ class Conditions:
     seed: int = 1
 
 
-def relief(width: int = 512, height: int = 160, steps: bool = False) -> Scene:
-    """Return a smooth relief, or one with jumps of 2 to 40 columns, a shadow and a dark patch."""
+def relief(width: int = 512, height: int = 160, steps: bool = False, slope: float = 1.7) -> Scene:
+    """Return a smooth relief, `slope` columns a pixel, or one with jumps of 2 to 40, a shadow and a dark patch."""
     x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
     bumps = 14 * np.sin(x / 61) * np.cos(y / 37) + 9 * np.exp(-((x - 0.6 * width) ** 2 + (y - 0.5 * height) ** 2) / 900)
-    column, albedo = 70 + 1.7 * x + bumps, 0.75 + 0.2 * np.sin(x / 83 + y / 47)
+    column, albedo = 70 + slope * x + bumps, 0.75 + 0.2 * np.sin(x / 83 + y / 47)
     lit = np.ones((height, width), bool)
     if steps:
         for left, jump in ((90, 2.0), (170, 7.0), (250, 16.0), (330, -23.0), (400, 40.0)):
