@@ -96,32 +96,8 @@ class FuseExposures:
             fused = fuse(arrays, maps[0].kind == "wrapped", light, limits, context.threads)
         except ValueError as error:
             raise DataError(f"{self.name}: {error}") from error
-        guessed = [str(index) for index, one in enumerate(light) if not one.measured]
-        if guessed:
-            context.log(
-                "warning",
-                f"map {', '.join(guessed)} shares too few pixels with the others to compare its light; its phase "
-                "counts, its modulation and background are on a guessed scale",
-            )
-        told = ", ".join(f"{1 / one.gain:.3g}" for one in light)
-        context.log(
-            "info", f"relative light of the maps: {told}; kept {np.mean(fused.rejected == 0):.1%} of the pixels"
-        )
-        first = maps[0]
-        return PhaseMap(
-            phase_rad=fused.phase_rad,
-            modulation=fused.modulation,
-            background=fused.background,
-            rejected=fused.rejected,
-            kind=first.kind,
-            period_px=first.period_px,
-            orientation=first.orientation,
-            initial_phase_rad=first.initial_phase_rad,
-            sigma_rad=fused.sigma_rad,
-            difference_to=first.difference_to,
-            projector_px=first.projector_px,
-            confidence=fused.confidence if fused.confidence.size else None,
-        )
+        _tell(light, float(np.mean(fused.rejected == 0)), context)
+        return _map_of(maps[0], fused)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -132,6 +108,36 @@ class FuseExposures:
         one = ExposedMap(flat, flat, flat, flat, none, np.zeros((8, 8), np.uint16))
         for count in (2, 3):
             fuse([one] * count, False, [Light(1.0, 0.0)] * count, threads=1)
+
+
+def _tell(light: Sequence[Light], kept: float, context: Context) -> None:
+    guessed = [str(index) for index, one in enumerate(light) if not one.measured]
+    if guessed:
+        context.log(
+            "warning",
+            f"map {', '.join(guessed)} shares too few pixels with the others to compare its light; its phase counts, "
+            "its modulation and background are on a guessed scale",
+        )
+    told = ", ".join(f"{1 / one.gain:.3g}" for one in light)
+    context.log("info", f"relative light of the maps: {told}; kept {kept:.1%} of the pixels")
+
+
+def _map_of(first: PhaseMap, fused: ExposedMap) -> PhaseMap:
+    """Return the fused arrays as a map of the same fringes as `first`."""
+    return PhaseMap(
+        phase_rad=fused.phase_rad,
+        modulation=fused.modulation,
+        background=fused.background,
+        rejected=fused.rejected,
+        kind=first.kind,
+        period_px=first.period_px,
+        orientation=first.orientation,
+        initial_phase_rad=first.initial_phase_rad,
+        sigma_rad=fused.sigma_rad,
+        difference_to=first.difference_to,
+        projector_px=first.projector_px,
+        confidence=fused.confidence if fused.confidence.size else None,
+    )
 
 
 def _checked(maps: Any) -> Sequence[PhaseMap]:
