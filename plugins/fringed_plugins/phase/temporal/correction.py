@@ -23,7 +23,7 @@ from fringed_plugins.phase.temporal.joint import Search, search_of
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]
-View = Callable[[Array, windows.Phasors, Float32Array, Float32Array], windows.Windows]
+View = Callable[[Array, windows.Phasors, Float32Array, Float32Array], Float32Array]
 
 DENSE_SHARE = 0.01  # of the pixels that are doubtful: more are worth the windows
 SURE_SIGMAS = 4.5
@@ -36,7 +36,7 @@ _BAND = 64
 class Evidence:
     """The frames behind a decoded map: what windows are made of.
 
-    `view` makes `Windows` of a part of the image from phasors, frames, background and `keep`; without one, the orders
+    `view` makes `windows` of a part of the image from phasors, frames, background and `keep`; without one, the orders
     of the sums over all `groups` are used. Without `windows` only neighbours are asked.
     With `combine` windows average the phase over all groups.
     """

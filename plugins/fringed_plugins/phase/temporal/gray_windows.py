@@ -53,7 +53,7 @@ def _orders(sums: Any, maps: Any, numbers: Any, rules: Any, out: Any) -> None:
         for x in range(count.shape[1]):
             n = count[y, x]
             if n < _LEAST_PX:
-                out.best[y, x], out.second[y, x] = _HUGE, _ZERO
+                out[y, x, windows.BEST], out[y, x, windows.SECOND] = _HUGE, _ZERO
                 continue
             variance = (layout.noise_constant + layout.noise_slope * max(background[y, x], _ZERO)) / n
             for b in range(layout.bits.size):
@@ -66,10 +66,10 @@ def _orders(sums: Any, maps: Any, numbers: Any, rules: Any, out: Any) -> None:
             soft2 = scale.soft2 + factor * variance / (c * c + s * s + np.float32(1e-12))
             beyond = max(abs(turns - coded) - half * scale.turns_per_cell, _ZERO)
             other = max(_ONE - abs(turns - coded) - half * scale.turns_per_cell, _ZERO)
-            out.turns[y, x] = turns
-            out.best[y, x] = beyond * beyond / soft2
-            out.second[y, x] = min(other * other / soft2, (margin + expected) * (margin + expected))
-            out.modulation[y, x] = np.sqrt(c * c + s * s)
+            out[y, x, windows.TURNS] = turns
+            out[y, x, windows.BEST] = beyond * beyond / soft2
+            out[y, x, windows.SECOND] = min(other * other / soft2, (margin + expected) * (margin + expected))
+            out[y, x, windows.MODULATION] = np.sqrt(c * c + s * s)
 
 
 @dataclass(frozen=True)
@@ -83,16 +83,16 @@ class Viewer:
 
     def __call__(
         self, frames: Array, parts: windows.Phasors, background: Float32Array, keep: Float32Array
-    ) -> windows.Windows:
+    ) -> Float32Array:
         """Return the windows of a part of the image; see `correction.Evidence`."""
         shape = keep.shape
         differ = np.empty((len(self.bits.bits), *shape), np.float32)
         part = _all_differences(frames, background, keep, self.layout, differ)
         sums = np.stack([windows.summed(one) for one in differ])
         maps = (windows.summed(parts.cosine[-1]), windows.summed(parts.sine[-1]), windows.summed(keep), background)
-        slopes = windows.slopes_of(parts)
-        turns, best, second, light = (np.zeros(shape, np.float32) for _ in range(4))
-        out = windows.Windows(turns, *slopes, best, second, light, windows.power_of(parts, maps[2]))
+        out = np.zeros((*shape, windows.WINDOW_VALUES), np.float32)
+        out[..., windows.SLOPE_X], out[..., windows.SLOPE_Y] = windows.slopes_of(parts)
+        out[..., windows.POWER] = windows.power_of(parts, maps[2])
         factor = np.float32(phase_variance_factor(self.finest.shifts_rad) / (2 * np.pi) ** 2)
         numbers = (np.float32(part), factor, np.float32(self.finest.initial_rad / (2 * np.pi)))
         _orders(sums, maps, numbers, (self.layout, ruler(self.bits.code, self.finest.period_px)), out)

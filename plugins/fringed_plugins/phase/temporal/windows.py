@@ -37,16 +37,15 @@ class Phasors(NamedTuple):
     sine: Float32Array
 
 
-class Windows(NamedTuple):
-    """What the window around each pixel says, `(height, width)` float32 each."""
-
-    turns: Float32Array  # absolute phase of the finest period at the window's centre
-    slope_x: Float32Array  # its slope in turns per pixel
-    slope_y: Float32Array
-    best: Float32Array  # chi^2 of the order taken; huge where there is no window
-    second: Float32Array  # ... of the next one
-    modulation: Float32Array  # of the finest period, averaged with its phase
-    power: Float32Array  # mean square of the finest period's modulation, with its noise, whatever the phases are
+# What a window says, the last axis of (height, width, 7) float32: one place in memory for what is asked together.
+TURNS = 0  # absolute phase of the finest period at the window's centre
+SLOPE_X = 1  # its slope in turns per pixel, across
+SLOPE_Y = 2  # ... and down
+BEST = 3  # chi^2 of the order taken; huge where there is no window
+SECOND = 4  # ... of the next one
+MODULATION = 5  # of the finest period, averaged with its phase
+POWER = 6  # mean square of the finest period's modulation, with its noise, whatever the phases are
+WINDOW_VALUES = 7
 
 
 @njit(**_options)
@@ -144,7 +143,7 @@ def slopes_of(parts: Phasors) -> tuple[Float32Array, Float32Array]:
     return slopes
 
 
-def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: Search) -> Windows:
+def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: Search) -> Float32Array:
     """Return what every window says; `background` is for the noise, `keep` 0 where a pixel is not to count."""
     count = summed(keep)
     shape = parts.cosine.shape
@@ -154,7 +153,9 @@ def look(parts: Phasors, background: Float32Array, keep: Float32Array, search: S
     orders = find_orders(angle, length, background, search, threads=1)
     orders.best[count < _LEAST_PX] = np.inf
     modulation = np.asarray(length[-1] / np.sqrt(np.maximum(count, _ONE)), np.float32)
-    return Windows(orders.turns, *slopes_of(parts), orders.best, orders.second, modulation, power_of(parts, count))
+    slope_x, slope_y = slopes_of(parts)
+    values = (orders.turns, slope_x, slope_y, orders.best, orders.second, modulation, power_of(parts, count))
+    return np.stack(values, axis=-1)
 
 
 def power_of(parts: Phasors, count: Float32Array) -> Float32Array:
