@@ -10,7 +10,10 @@ from fringed.data import Calibration, FrameSet, RangeImage
 from fringed_client import Station
 
 RANGE_MM = {"hierarchical": 0.3, "heterodyne": 0.3, "number-theoretic": 0.3, "gray": 0.3, "hdr": 0.3, "hdr-levels": 0.3}
-SMALL = {"one-shot": {"periods": [13, 20, 32]}}  # fringes that a camera of 232 pixels resolves
+SMALL = {
+    "one-shot": {"periods": [13, 20, 32]},
+    "fourier": {"periods": 32},
+}  # fringes that a camera of 232 pixels resolves
 CALIBRATIONS = ("tone", "crosstalk")
 PIPELINES = sorted(simulated_station().pipelines)
 
