@@ -122,7 +122,7 @@ def weigh(
 
     References
     ----------
-    Kay 1993, Fundamentals of statistical signal processing, section 4.5 (weighted least squares, its variance).
+    Kay 1993, Fundamentals of statistical signal processing: estimation theory (weighted least squares, its bound).
 
     Examples
     --------
