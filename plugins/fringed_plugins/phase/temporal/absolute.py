@@ -84,24 +84,32 @@ def search_for(
     )
 
 
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _judge_row(found: Any, bounds: Any, flags: Any, phase: Any, sigma: Any) -> None:
+    """Write phase and deviation, and flag what is unsure or off the projector."""
+    turns, sigmas, best, second = found
+    for x in range(flags.size):
+        t, chi2, other = turns[x], best[x], second[x]
+        # More misfit than noise explains is ripple as long as the next order fits far worse.
+        ripple = bounds.ripple_part * other
+        unsure = other < bounds.sure2 or chi2 > (ripple if ripple > bounds.sure2 else bounds.sure2)
+        outside = t < bounds.low_turns or t > bounds.high_turns
+        flag = flags[x]
+        flag |= _FRINGE_ORDER if unsure else np.uint16(0)
+        flag |= _OUT_OF_RANGE if outside else np.uint16(0)
+        flags[x] = flag
+        phase[x] = t * _TWO_PI + bounds.initial_rad if flag == 0 else _NAN
+        sigma[x] = sigmas[x] * _TWO_PI if flag == 0 else _NAN
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _judge(start: int, stop: int, orders: Any, bounds: Any, rejected: Any, out: Any) -> None:
-    """Write phase, deviation and confidence, and flag what is unsure or off the projector."""
     phase, sigma, confidence = out
+    turns, sigmas, best, second = orders.turns, orders.sigma_turns, orders.best, orders.second
     for y in range(start, stop):
-        for x in range(rejected.shape[1]):
-            turns, best, second = orders.turns[y, x], orders.best[y, x], orders.second[y, x]
-            # More misfit than noise explains is ripple as long as the next order fits far worse.
-            unsure = second < bounds.sure2 or best > max(bounds.sure2, bounds.ripple_part * second)
-            outside = turns < bounds.low_turns or turns > bounds.high_turns
-            flag = _FRINGE_ORDER if unsure else np.uint16(0)
-            flag |= _OUT_OF_RANGE if outside else np.uint16(0)
-            rejected[y, x] |= flag
-            kept = rejected[y, x] == 0
-            phase[y, x] = turns * _TWO_PI + bounds.initial_rad if kept else _NAN
-            sigma[y, x] = orders.sigma_turns[y, x] * _TWO_PI if kept else _NAN
-            if confidence.shape[0] > 0:
-                confidence[y, x] = (np.sqrt(second) - np.sqrt(best)) / np.float32(2)
+        _judge_row((turns[y], sigmas[y], best[y], second[y]), bounds, rejected[y], phase[y], sigma[y])
+        if confidence.shape[0] > 0:
+            confidence[y] = (np.sqrt(second[y]) - np.sqrt(best[y])) / np.float32(2)
 
 
 def decode_joint(

@@ -46,43 +46,47 @@ def order_rows(start: int, stop: int, maps: Any, code: Any, rules: Any, out: Any
     """Choose the order of the finest period near the code's position."""
     wrapped, modulation, background = maps
     search, scale = rules
-    count = search.ratio.size
+    # Arrays are taken out of their tuples once: each time is counted.
+    ratio, factor, initial, combine = search.ratio, search.factor, search.initial_turns, search.combine
+    all_position, all_half, all_margin, all_expected = code.position, code.half_width, code.margin, code.expected
+    out_turns, out_sigma, out_best, out_second = out.turns, out.sigma_turns, out.best, out.second
+    count = ratio.size
     t, w, noise2 = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
     for y in range(start, stop):
         for x in range(background.shape[1]):
             variance = search.noise_constant + search.noise_slope * max(background[y, x], _ZERO)
             information, spread = _ZERO, _ZERO
             for m in range(count):
-                t[m] = wrapped[m, y, x] * _PER_TURN - search.initial_turns[m]
+                t[m] = wrapped[m, y, x] * _PER_TURN - initial[m]
                 light2 = modulation[m, y, x] * modulation[m, y, x]
-                noise2[m] = search.factor[m] * variance / (light2 + _TINY)
+                noise2[m] = factor[m] * variance / (light2 + _TINY)
                 w[m] = np.float32(1) / (noise2[m] + search.floor2 + _TINY)
-                lever = w[m] * search.ratio[m]
-                information += lever * search.ratio[m]
+                lever = w[m] * ratio[m]
+                information += lever * ratio[m]
                 spread += lever * lever * noise2[m]
             here = t[count - 1]
-            coded = scale.first_turns + code.position[y, x] * scale.turns_per_cell
-            half = code.half_width[y, x] * scale.turns_per_cell
+            coded = scale.first_turns + all_position[y, x] * scale.turns_per_cell
+            half = all_half[y, x] * scale.turns_per_cell
             near = here + ((coded - here + _ROUND) - _ROUND)
             best, second, turns = _HUGE, _HUGE, near
             for k in range(-scale.reach, scale.reach + 1):
                 candidate = near + np.float32(k)
                 squares, lean = _ZERO, _ZERO
                 for m in range(count - 1):
-                    e = t[m] - search.ratio[m] * candidate
+                    e = t[m] - ratio[m] * candidate
                     e -= (e + _ROUND) - _ROUND
                     squares += w[m] * e * e
-                    lean += w[m] * e * search.ratio[m]
+                    lean += w[m] * e * ratio[m]
                 beyond = max(abs(candidate - coded) - half, _ZERO)
                 shift = lean / information
                 cost = squares - lean * shift + beyond * beyond / (scale.soft2 + np.float32(1) / w[count - 1])
                 if cost < best:
-                    best, second, turns = cost, best, candidate + (shift if search.combine else _ZERO)
+                    best, second, turns = cost, best, candidate + (shift if combine else _ZERO)
                 else:
                     second = min(second, cost)
             # The next code: its bit would have to be wrong by what it was read as, and by what it should be.
-            bit = code.margin[y, x] + code.expected[y, x]
-            out.turns[y, x] = turns
-            out.sigma_turns[y, x] = np.sqrt(spread) / information if search.combine else np.sqrt(noise2[count - 1])
-            out.best[y, x] = max(best, _ZERO)
-            out.second[y, x] = min(second, bit * bit)
+            bit = all_margin[y, x] + all_expected[y, x]
+            out_turns[y, x] = turns
+            out_sigma[y, x] = np.sqrt(spread) / information if combine else np.sqrt(noise2[count - 1])
+            out_best[y, x] = max(best, _ZERO)
+            out_second[y, x] = min(second, bit * bit)

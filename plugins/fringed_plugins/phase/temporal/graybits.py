@@ -191,15 +191,18 @@ def place(row: Any, x: int, sigma: np.float32) -> Any:
 def _position_rows(start: int, stop: int, frames: Any, mean: Any, layout: Layout, out: Any) -> None:
     width = frames.shape[2]
     row, level = np.empty((layout.bits.size, width), np.float32), np.empty(width, np.float32)
+    # Arrays are taken out of their tuples once: each time is counted.
+    positions_, halves, margins, expecteds = out.position, out.half_width, out.margin, out.expected
+    sizes, lights = out.modulation, out.background
     for y in range(start, stop):
         part = differences(frames, y, mean[y if mean.shape[0] > 1 else 0], layout, row, level)
         for x in range(width):
             light = level[x] if level[x] > _ZERO else _ZERO
             sigma = np.sqrt(part * (layout.noise_constant + layout.noise_slope * light))
             position, half, margin, expected, size = place(row, x, sigma)
-            out.position[y, x], out.half_width[y, x] = position, half
-            out.margin[y, x], out.expected[y, x] = margin, expected
-            out.modulation[y, x], out.background[y, x] = size, level[x]
+            positions_[y, x], halves[y, x] = position, half
+            margins[y, x], expecteds[y, x] = margin, expected
+            sizes[y, x], lights[y, x] = size, light
 
 
 def positions(
