@@ -5,7 +5,7 @@ VENV ?= .venv
 OUTPUT ?= demo-output
 BIN := $(VENV)/bin
 
-.PHONY: install demo test check unit bench packages dev clean
+.PHONY: install demo test check unit bench pictures packages dev clean
 
 install: $(VENV)/.installed  ## the station in its own environment
 
@@ -25,6 +25,11 @@ unit: dev  ## the tests alone
 
 bench: $(VENV)/.bench  ## every figure, printed beside what it has to reach
 	$(BIN)/python tests/bench/run.py
+
+pictures: dev  ## every picture of the documentation, drawn again
+	@for script in $$(ls tools/pictures/*.py | grep -v shrink.py); do \
+		echo "$$script"; $(BIN)/python "$$script" || exit 1; \
+	done
 
 packages:  ## the system packages that tests use
 	@sh tools/debian-packages.sh

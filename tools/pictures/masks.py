@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "bench"))
 
 from bench_accuracy import simulated, take  # noqa: E402
+from shrink import shrink  # noqa: E402
 
 from fringed.data import FrameSet, PhaseMap, Reject  # noqa: E402
 from fringed.testing import RecordingContext  # noqa: E402
@@ -101,7 +102,7 @@ def main() -> None:
     patches = [Patch(color=colour, label=label) for n, (label, colour) in enumerate(REASONS.values(), 1) if n in used]
     patches.append(Patch(facecolor=str(GREY + 0.1), edgecolor="#888888", label="kept"))
     drawn.legend(handles=patches, loc="outside lower center", ncol=6, fontsize=8, frameon=False)
-    save(drawn, PICTURE)
+    shrink(save(drawn, PICTURE))
 
 
 if __name__ == "__main__":
