@@ -118,7 +118,7 @@ def _usable(place: Any, y: int, x: int, view: Any, rules: Any) -> bool:
     lit = mean2 >= part * (view[y, x, POWER] - rules.noise_power * variance)
     sure = view[y, x, BEST] < rules.sure2 and view[y, x, SECOND] > rules.sure2
     light2 = view[y, x, MODULATION] * view[y, x, MODULATION]
-    return sure and lit and light2 >= rules.least_snr2 * variance
+    return bool(sure and lit and light2 >= rules.least_snr2 * variance)
 
 
 @njit(**options)
