@@ -16,7 +16,7 @@ import numpy.typing as npt
 from fringed_plugins.phase.profiles import profile
 from fringed_plugins.phase.shifts import Group, transform
 
-_PLACES = 2048
+_PLACES = 1024
 _LIT = 0.3  # of the strong pixels' modulation
 _STEP = 0.1  # guesses are rounded up to multiples: plans are made once for each
 
@@ -48,25 +48,25 @@ def gamma_of(frames: npt.NDArray[Any], groups: Sequence[Group], most: float = 2.
     skip = max(int(np.sqrt(height * width / _PLACES)), 1)
     samples = np.stack([np.asarray(frames[i, ::skip, ::skip], np.float32).ravel() for i in group.frames])
     samples = samples[:, np.isfinite(samples).all(axis=0)]
-    fitted = transform(group.shifts_rad).astype(np.float32) @ samples
+    gammas, medians, matrix = _table(group.style, group.shifts_rad, group.period_px, most)
+    fitted = matrix @ samples
     light2 = fitted[1] ** 2 + fitted[2] ** 2
     lit = light2 > _LIT**2 * np.percentile(light2, 95) if light2.size else np.zeros(0, bool)
     if not lit.any():
         return most
     seen = float(np.median((fitted[3:, lit] ** 2).sum(axis=0) / light2[lit]))
-    gammas, medians = _medians(group.style, group.shifts_rad, group.period_px, most)
     return float(gammas[min(int(np.searchsorted(medians, seen)), len(gammas) - 1)])
 
 
 @lru_cache(maxsize=32)
-def _medians(
+def _table(
     style: str, shifts_rad: tuple[float, ...], period_px: float, most: float
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return gammas, and the median over all phases of the squared residual over the squared modulation of each."""
+) -> tuple[tuple[float, ...], tuple[float, ...], npt.NDArray[np.float32]]:
+    """Return gammas, of each the median over all phases of squared residual over squared modulation, and the fit."""
     phase = 2 * np.pi * (np.arange(360) + 0.5) / 360
     light = np.asarray(profile(style, phase + np.asarray(shifts_rad)[:, None], period_px))
     matrix = transform(shifts_rad)
     gammas = [*np.arange(1.0, most - 1e-6, _STEP), most]
     fits = [matrix @ light**gamma for gamma in gammas]
     medians = [float(np.median((f[3:] ** 2).sum(axis=0) / (f[1] ** 2 + f[2] ** 2))) for f in fits]
-    return tuple(round(float(g), 3) for g in gammas), tuple(np.maximum.accumulate(medians))
+    return tuple(round(float(g), 3) for g in gammas), tuple(np.maximum.accumulate(medians)), matrix.astype(np.float32)
