@@ -15,6 +15,7 @@ from typing import Any
 _lock = threading.Lock()
 _pool: ThreadPoolExecutor | None = None
 _MAX_THREADS = 64
+_ROUNDS = (0.36, 0.64, 0.86, 1.0)  # part of the rows that is done after each round of bands
 
 
 def thread_count(threads: int = 0) -> int:
@@ -25,16 +26,15 @@ def thread_count(threads: int = 0) -> int:
 def run_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, threads: int = 0) -> None:
     """Call `kernel(start, stop, *arguments)` for bands of rows that together cover `range(rows)`.
 
-    Bands are a few times more than threads, so that a core that is busy elsewhere does not hold up
-    the rest. The first exception of a band is raised.
+    Bands are a few times more than threads and shrink, so that a core that is busy elsewhere does not hold up
+    the rest, and all end at about the same time. The first exception of a band is raised.
     """
     count = thread_count(threads)
     if count == 1 or rows < 4 * count:
         kernel(0, rows, *arguments)
         return
-    bands = min(4 * count, rows)
-    edges = [rows * i // bands for i in range(bands + 1)]
-    taken = iter(range(bands))
+    edges = _band_edges(rows, count)
+    taken = iter(range(len(edges) - 1))
 
     def work() -> None:
         for band in taken:
@@ -44,6 +44,15 @@ def run_rows(kernel: Callable[..., Any], rows: int, *arguments: Any, threads: in
     work()
     for future in pending:
         future.result()
+
+
+def _band_edges(rows: int, count: int) -> list[int]:
+    """Return where bands begin and end: `count` bands for each of a few rounds, the last of them the smallest."""
+    edges, begin = [0], 0.0
+    for end in _ROUNDS:
+        edges += [round(rows * (begin + (end - begin) * (i + 1) / count)) for i in range(count)]
+        begin = end
+    return edges
 
 
 def _executor() -> ThreadPoolExecutor:

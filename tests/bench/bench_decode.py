@@ -62,12 +62,16 @@ def columns() -> Array:
     return np.linspace(20, 1000, WIDTH_PX) + 8 * np.sin(np.arange(HEIGHT_PX) / 90)[:, None]
 
 
-def numpy_six(stack: Array) -> tuple[Array, Array, Array]:
-    """Return wrapped phase, modulation and mask of six steps, float32."""
+def numpy_six(stack: Array, tuned: bool = False) -> tuple[Array, Array, Array]:
+    """Return wrapped phase, modulation and mask of six steps, float32: as it is written down, or sums by BLAS."""
     steps = 2 * np.pi * np.arange(6, dtype=np.float32) / 6
     light = stack.astype(np.float32)
-    cosine = np.tensordot(np.cos(steps), light, 1) / 3
-    sine = np.tensordot(-np.sin(steps), light, 1) / 3
+    if tuned:
+        cosine = np.tensordot(np.cos(steps), light, 1) / 3
+        sine = np.tensordot(-np.sin(steps), light, 1) / 3
+    else:
+        cosine = (light * np.cos(steps)[:, None, None]).sum(axis=0) / 3
+        sine = -(light * np.sin(steps)[:, None, None]).sum(axis=0) / 3
     modulation = np.hypot(cosine, sine)
     background = light.mean(axis=0)
     misfit = (light**2).sum(axis=0) - 6 * background**2 - 3 * modulation**2
@@ -135,7 +139,14 @@ def kernels(memory: str) -> None:
         },
         ROUNDS,
     )
-    taken |= timed({"numpy 6": lambda: numpy_six(six.frames), "numpy 12": lambda: numpy_twelve(twelve.frames)}, 5)
+    taken |= timed(
+        {
+            "numpy 6": lambda: numpy_six(six.frames),
+            "tuned 6": lambda: numpy_six(six.frames, tuned=True),
+            "numpy 12": lambda: numpy_twelve(twelve.frames),
+        },
+        5,
+    )
     best = {name: min(times) for name, times in taken.items()}
     for name, most in (("6", 1.5), ("12", 3.0)):
         ratio = best[name] / best[f"copy {name}"]
@@ -152,6 +163,7 @@ def kernels(memory: str) -> None:
         "at least 20 times",
         faster >= 20,
     )
+    info(f"6 steps beside NumPy with sums by BLAS, {memory} memory", f"{best['tuned 6'] / best['6']:.0f} times as fast")
     info(f"12 frames beside NumPy, {memory} memory", f"{best['numpy 12'] / best['12']:.0f} times as fast")
 
 

@@ -114,28 +114,40 @@ def _write_further(a: int, b: int, limits: Limits, block: Block, margin: Any, ou
         write_confidence(limits, margin, block.background, out.confidence[a:b])
 
 
+@njit(**options)
+def _wrapped(form: int, v: Any, i: Any, sums: Sums, limits: Limits, tools: Any) -> None:
+    """Write the maps of a block of the only group; what else a block leaves goes into `block`, unless that is None."""
+    block, maps = tools
+    if form == 3:
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]]), limits, block, maps)
+    elif form == 4:
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), limits, block, maps)
+    elif form == 6:
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), limits, block, maps)
+    else:
+        write_wrapped(sums, limits, block, maps)
+
+
 @kept(*_CALLED, **options)
 def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode the only group of blocks `start` to `stop` of `frames` (n, pixels) into the maps of `job`."""
-    part, _, kept, limits, out = job
+    part, _, kept_sums, limits, out = job
     form, i, block = plan.form[0], plan.place[0], _new_block()
-    scratch = new_sums(frames, 1 if part.summed or form > 0 else BLOCK_PX, plan.normal[0])
+    sums = new_sums(frames, 1 if part.summed or form > 0 else BLOCK_PX, plan.normal[0])
+    lean = out.background.size + out.sigma_rad.size + out.wrapped_rad.size + out.residual.size == 0
     for number in range(start, stop):
         a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
         v = frames[:, a:b]
         maps = Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b])
-        if form == 3:
-            write_wrapped((v[i[0]], v[i[1]], v[i[2]]), limits, block, maps)
-        elif form == 4:
-            write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), limits, block, maps)
-        elif form == 6:
-            write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), limits, block, maps)
-        elif part.summed:
-            write_wrapped(sums_between(kept, a, b, plan.normal[0]), limits, block, maps)
+        if part.summed:
+            sums = sums_between(kept_sums, a, b, plan.normal[0])
+        elif form == 0:
+            _add_up(v, i, plan.chunks[0], plan.weights[0], sums)
+        if lean:
+            _wrapped(form, v, i, sums, limits, (None, maps))
         else:
-            _add_up(v, i, plan.chunks[0], plan.weights[0], scratch)
-            write_wrapped(scratch, limits, block, maps)
-        _write_further(a, b, limits, block, block.off, out)
+            _wrapped(form, v, i, sums, limits, (block, maps))
+            _write_further(a, b, limits, block, block.off, out)
 
 
 @njit(**options)

@@ -62,7 +62,7 @@ class Maps(NamedTuple):
 
 
 @njit(**options)
-def write_wrapped(rows: Any, limits: Limits, block: Block, maps: Maps) -> None:
+def write_wrapped(rows: Any, limits: Limits, block: Block | None, maps: Maps) -> None:
     """Write wrapped phase, modulation and mask of a block of one group; leave the unmasked phase in `block.turns`."""
     phase, modulation, rejected = maps
     for x in range(phase.size):
@@ -77,9 +77,10 @@ def write_wrapped(rows: Any, limits: Limits, block: Block, maps: Maps) -> None:
         flag = np.int32(flag | (_LOW_MODULATION if modulation2 < least else _NONE))
         flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
         flag = np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
-        block.turns[x] = angle * PER_TURN
-        block.background[x] = light
-        block.squares[x] = square
+        if block is not None:  # decided when the loop is compiled
+            block.turns[x] = angle * PER_TURN
+            block.background[x] = light
+            block.squares[x] = square
         modulation[x] = np.sqrt(modulation2)
         phase[x] = angle if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)
