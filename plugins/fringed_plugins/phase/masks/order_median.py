@@ -13,6 +13,7 @@ from numba import njit
 
 from fringed_plugins.parallel import run_rows
 
+_PI = np.float32(np.pi)
 _TWO_PI = np.float32(2 * np.pi)
 _MOST_RADIUS = 4
 
@@ -26,12 +27,15 @@ def _settle(start: int, stop: int, before: Any, radius: int, phase: Any) -> None
             here = before[y, x]
             if np.isnan(here):
                 continue
-            count = 0
+            count, near = 0, 0
             for i in range(max(0, y - radius), min(height, y + radius + 1)):
                 for j in range(max(0, x - radius), min(width, x + radius + 1)):
                     if not np.isnan(before[i, j]):
                         values[count] = before[i, j]
+                        near += 1 if abs(before[i, j] - here) < _PI else 0
                         count += 1
+            if 2 * near > count:
+                continue  # the median is among those within half a turn: nothing to move, nothing to sort
             middle = np.sort(values[:count])[count // 2]
             phase[y, x] = here + _TWO_PI * np.rint((middle - here) / _TWO_PI)
 
@@ -42,7 +46,7 @@ def settle_by_median(phase_rad: npt.NDArray[np.float32], window_px: int, threads
     The median is that of the absolute phase, not of the order: the order itself jumps wherever the phase is cut, and
     the median of a jump is wrong on one side. `window_px` is odd, 3 to 9. NaN pixels count for nothing and stay.
     Where the surface steps by more than half a period, a pixel follows the side that has more of its window; a
-    detail narrower than half the window is lost. It costs a sort for each pixel, so it is off by default.
+    detail narrower than half the window is lost, so it is off by default.
 
     Raises
     ------
