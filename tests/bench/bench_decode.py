@@ -218,6 +218,7 @@ def streamed(processor: Any, frame_set: FrameSet, context: RecordingContext) -> 
 
 def peer() -> None:
     """Print how long `fringes` takes for the same three frequencies of four steps, and whether it is right."""
+    keep_freed_pages(400)
     try:
         from fringes import Fringes
     except ImportError:

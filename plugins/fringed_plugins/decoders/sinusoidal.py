@@ -231,7 +231,7 @@ def warm_up_kernels() -> None:
     fine = Group(tuple(range(5, 9)), tuple(np.arange(4) * np.pi / 2), 2.0)
     frame = np.zeros((8, 8), np.uint8)
     for groups, size_px in (((coarse,), None), ((coarse, fine), 8)):
-        sums = Accumulator((8, 8), np.uint8, groups, limits, size_px, threads=1)
+        sums = Accumulator((8, 8), np.uint8, groups, limits, size_px, noise=noise, threads=1)
         for index in range(9):
             sums.add(index, frame)
-        sums.finish(noise)
+        sums.finish()

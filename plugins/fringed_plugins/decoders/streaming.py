@@ -5,7 +5,7 @@ Owns what a run is made of once parameters and sequence are understood; the sums
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,38 +48,44 @@ class Work:
 class SumsSink:
     """The state of one run that takes its frames while they arrive, in any order.
 
-    Where the camera's settings do not tell the noise, some pixels of a group are kept until it is complete.
+    What the frames have to show first, noise and the projector's gamma, one group shows; its frames are kept until
+    it is complete.
     """
 
     def __init__(self, start: FrameSetStart, work: Work, context: Context) -> None:
         from fringed_plugins.phase.accumulate import Accumulator
-        from fringed_plugins.phase.noise import noise_group, places
+        from fringed_plugins.phase.noise import noise_group
 
-        self._work = work
+        self._work, self._known = work, known_noise(start.settings)
+        self._settled = self._known is not None and work.thresholds.gamma <= 1
         try:
             self._sums = Accumulator(
                 start.shape, start.dtype, work.groups, work.thresholds, work.size_px,
-                keep=work.keep, threads=context.threads,
+                noise=self._known if self._settled else None, keep=work.keep, threads=context.threads,
             )  # fmt: skip
         except ValueError as error:
             raise DataError(f"patterns of family {start.sequence.family!r} cannot be decoded: {error}") from error
-        self._noise = known_noise(start.settings)
         self._group = noise_group(work.groups)
-        self._places = places(start.shape, start.sequence.frames[self._group.frames[0]].orientation)
-        self._samples: dict[int, Array] = {}
+        self._orientation = start.sequence.frames[self._group.frames[0]].orientation
+        self._kept: dict[int, Array] = {}
 
     def add(self, index: int, image: Array) -> None:
         """Take frame `index`."""
         self._sums.add(index, image)
-        if self._noise is None and self._places is not None and index in self._group.frames:
-            self._samples[index] = self._places.of(image)
-            if len(self._samples) == len(self._group.frames):
-                self._noise = self._estimated()
+        if not self._settled and index in self._group.frames:
+            self._kept[index] = image.copy()
+            if len(self._kept) == len(self._group.frames):
+                self._settle()
 
-    def _estimated(self) -> NoiseModel:
-        from fringed_plugins.phase.noise import noise_of
+    def _settle(self) -> None:
+        """Tell the sums what the group's frames show."""
+        from fringed_plugins.phase.noise import estimate_noise
 
-        return noise_of(np.stack([self._samples[i] for i in self._group.frames]), self._group)
+        stack = np.stack([self._kept[index] for index in self._group.frames])
+        alone = replace(self._group, frames=tuple(range(len(stack))))
+        noise = self._known if self._known is not None else estimate_noise(stack, alone, self._orientation)
+        self._sums.settle(noise, as_seen(self._work.thresholds, stack, [alone]))
+        self._settled, self._kept = True, {}
 
     def finish(self, frame_set: FrameSet, context: Context) -> PhaseMap:
         """Return the phase map of the finished set.
@@ -89,14 +95,11 @@ class SumsSink:
         DataError
             frames that have not come.
         """
-        from fringed_plugins.phase.noise import NoiseModel
-
         context.check_cancelled()
-        noise = self._noise or NoiseModel(1.0, 0.0)
         try:
-            limits = as_seen(self._work.thresholds, frame_set.frames, self._work.groups)
-            decoded = self._sums.finish(noise, frame_set.frames, limits)
+            decoded = self._sums.finish(frame_set.frames)
         except ValueError as error:
             raise DataError(f"the set {frame_set.id or 'without id'} cannot be decoded: {error}") from error
-        self._work.weigh(decoded, frame_set, noise, context.threads)
+        if self._sums.noise is not None:
+            self._work.weigh(decoded, frame_set, self._sums.noise, context.threads)
         return phase_map_of(decoded, self._work.kind, self._work.groups[-1], frame_set)

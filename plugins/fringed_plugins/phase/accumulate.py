@@ -23,7 +23,7 @@ from fringed_plugins.phase.shifts import LANES, Group, closed_form, transform
 from fringed_plugins.phase.sums import fold_blocks
 
 Array = npt.NDArray[Any]
-_UNKNOWN = NoiseModel(1.0, 0.0)  # levels need no noise before the last step
+_UNKNOWN = NoiseModel(1.0, 0.0)
 _NONE = np.empty((0, 0), np.float32)
 _NOTHING = Decoded(_NONE, _NONE, _NONE, _NONE, _NONE, np.empty((0, 0), np.uint16))
 
@@ -92,7 +92,9 @@ class Accumulator:
     shape, kind
         of every frame: (height, width), and uint8, uint16 or float32.
     groups, thresholds, size_px, keep, threads
-        as `decode.decode` takes them; the noise is asked for at the end, when frames have shown it.
+        as `decode.decode` takes them.
+    noise
+        None where frames have to show it, or thresholds, first: levels wait for `settle`.
 
     Raises
     ------
@@ -103,10 +105,11 @@ class Accumulator:
     --------
     >>> steps = np.arange(4) * np.pi / 2
     >>> group = Group((0, 1, 2, 3), tuple(steps), 16.0)
-    >>> sums = Accumulator((1, 2), np.float32, [group], Thresholds(similar_neighbours=0, border_glow=0.0))
+    >>> limits, noise = Thresholds(similar_neighbours=0, border_glow=0.0), NoiseModel(1.0, 0.0)
+    >>> sums = Accumulator((1, 2), np.float32, [group], limits, noise=noise)
     >>> for k in (2, 0, 3, 1):
     ...     sums.add(k, 100 + 50 * np.cos(np.array([[0.5, -1.0]]) + steps[k]))
-    >>> sums.finish(NoiseModel(1.0, 0.0)).phase_rad.round(5)
+    >>> sums.finish().phase_rad.round(5)
     array([[ 0.5, -1. ]], dtype=float32)
     """
 
@@ -118,9 +121,11 @@ class Accumulator:
         thresholds: Thresholds,
         size_px: int | None = None,
         *,
+        noise: NoiseModel | None = None,
         keep: Keep = STANDARD,
         threads: int = 0,
     ) -> None:
+        self.noise = noise
         self._groups, self._thresholds, self._size_px = tuple(groups), thresholds, size_px
         self._shape, self._keep, self._threads = shape, keep, threads
         prepare(self._groups, _UNKNOWN, thresholds, size_px)
@@ -146,31 +151,42 @@ class Accumulator:
         if frame.shape != self._shape:
             raise ValueError(f"frame {index} has shape {frame.shape}; the set's frames have {self._shape}")
         part.add(index, frame)
+        self._advance()
+
+    def settle(self, noise: NoiseModel, thresholds: Thresholds) -> None:
+        """Tell what frames had to show first; before any level was taken."""
+        self.noise, self._thresholds = noise, thresholds
+        self._advance()
+
+    def _advance(self) -> None:
+        """Take the levels that are complete, but for the finest, into the state."""
+        if self.noise is None:
+            return
         while self._done < len(self._groups) - 1 and not self._parts[self._done].missing:
-            self._level(self._done, _UNKNOWN, _NOTHING)
+            self._level(self._done, self.noise, _NOTHING)
             self._done += 1
 
-    def finish(
-        self, noise: NoiseModel, frames: Array | None = None, thresholds: Thresholds | None = None
-    ) -> Decoded:
+    def finish(self, frames: Array | None = None) -> Decoded:
         """Return what `decode.decode` returns for the set.
 
-        With `frames`, the whole set, neighbours may settle doubtful fringe orders. `thresholds` are those of the
-        finest group, where the frames have shown more than was known in the beginning.
+        With `frames`, the whole set, neighbours may settle doubtful fringe orders.
 
         Raises
         ------
         ValueError
-            frames are missing.
+            frames are missing, or nobody told the noise.
         """
         missing = [index for part in self._parts for index in part.missing]
         if missing:
             raise ValueError(f"frames {missing} have not come; a phase needs every frame of its groups")
-        self._thresholds = thresholds or self._thresholds
+        if self.noise is None:
+            raise ValueError("the noise is unknown; tell it by `settle`")
         out = empty(self._shape, self._keep, absolute=self._size_px is not None)
         if out.rejected.size:
-            self._level(len(self._groups) - 1, noise, out)
-            cleaned(out, frames, self._groups, noise, self._thresholds, size_px=self._size_px, threads=self._threads)
+            self._level(len(self._groups) - 1, self.noise, out)
+            cleaned(
+                out, frames, self._groups, self.noise, self._thresholds, size_px=self._size_px, threads=self._threads
+            )
         return out
 
     def _level(self, g: int, noise: NoiseModel, out: Decoded) -> None:

@@ -19,8 +19,7 @@ from fringed_plugins.phase.cleaning import clean
 from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.decode_kernel import Job, Part, absolute_blocks, wrapped_blocks
 from fringed_plugins.phase.decoded import Decoded, Thresholds
-from fringed_plugins.phase.finish_kernel import Limits
-from fringed_plugins.phase.level_kernel import BLOCK_PX, State
+from fringed_plugins.phase.level_kernel import BLOCK_PX, Limits, State
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import (
     Group,
@@ -163,9 +162,9 @@ def empty(shape: tuple[int, ...], keep: Keep, *, absolute: bool) -> Decoded:
 
 def new_state(pixels: int, margin: bool) -> State:
     """Return an empty state of so many pixels."""
-    turns, squares, weakest, coarsest = (np.empty(pixels, np.float32) for _ in range(4))
+    turns, coarsest = (np.empty(pixels, np.float32) for _ in range(2))
     room, inverse = (np.empty(pixels if margin else 0, np.float32) for _ in range(2))
-    return State(turns, squares, weakest, coarsest, np.empty(pixels, np.uint8), room, inverse)
+    return State(turns, coarsest, np.empty(pixels, np.uint8), room, inverse)
 
 
 def no_sums(kind: np.dtype[Any]) -> Sums:
@@ -187,7 +186,6 @@ def prepare(
     """
     if not groups or (size_px is None and len(groups) != 1):
         raise ValueError(f"{len(groups)} groups of frames; a wrapped phase needs exactly one, an absolute one or more")
-    dof = max(degrees_of_freedom(groups), 1)
     last = groups[-1]
     cut, centre, wrap, low, high = _range(groups, size_px, thresholds.edge_px) if size_px else (0.0,) * 5
     numbers = {
@@ -197,10 +195,7 @@ def prepare(
         "saturation": thresholds.saturation_dn,
         "modulation2": thresholds.modulation_dn**2,
         "modulation_snr2": thresholds.modulation_snr**2,
-        "residual_sigma2": _chi_square_limit(dof),
-        "residual_part2": dof * thresholds.residual**2
-        + sum(style_residual(group, thresholds.gamma) for group in groups),
-        "per_residual": 1 / dof,
+        "per_residual": 1 / max(degrees_of_freedom([last]), 1),
         "misfit_turns": thresholds.order_turns,
         "drop2": thresholds.modulation_drop**2,
         "wrap_turns": wrap,
@@ -210,7 +205,17 @@ def prepare(
         "initial_rad": last.initial_rad,
     }
     limits = Limits(**{name: np.float32(n) for name, n in numbers.items()})
-    return plan(groups, centre, absolute=size_px is not None), limits
+    layout = plan(groups, centre, absolute=size_px is not None)
+    sigma2, part2 = np.array([_residual_limits(group, thresholds) for group in groups], np.float32).T
+    return layout._replace(residual_sigma2=sigma2.copy(), residual_part2=part2.copy()), limits
+
+
+def _residual_limits(group: Group, thresholds: Thresholds) -> tuple[float, float]:
+    """Return the largest sum of squared residuals, in variances of a frame and as a part of the squared modulation."""
+    count = degrees_of_freedom([group])
+    if count == 0:
+        return np.inf, 0.0  # three frames fit anything
+    return _chi_square_limit(count), count * thresholds.residual**2 + style_residual(group, thresholds.gamma)
 
 
 def _chi_square_limit(dof: int) -> float:

@@ -16,7 +16,6 @@ from fringed_plugins.phase import arctangent, closed_forms, finish_kernel, level
 from fringed_plugins.phase import sums as sums_module
 from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.finish_kernel import (
-    Limits,
     Maps,
     last_level,
     three_levels,
@@ -30,6 +29,7 @@ from fringed_plugins.phase.level_kernel import (
     BLOCK_PX,
     Block,
     Level,
+    Limits,
     State,
     add_level,
     add_margin,
@@ -68,18 +68,14 @@ def new_state(count: int, margin: bool) -> State:
     """Return an empty state of `count` pixels; its margin is empty where none is wanted."""
     other = count if margin else 0
     return State(
-        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32),
-        np.empty(count, np.float32), np.empty(count, np.uint8),
+        np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.uint8),
         np.empty(other, np.float32), np.empty(other, np.float32),
     )  # fmt: skip
 
 
 @njit(**options)
 def _state_between(state: State, a: int, b: int) -> State:
-    return State(
-        state.turns[a:b], state.squares[a:b], state.weakest[a:b], state.coarsest[a:b], state.flags[a:b],
-        state.margin[a:b], state.inverse[a:b],
-    )  # fmt: skip
+    return State(state.turns[a:b], state.coarsest[a:b], state.flags[a:b], state.margin[a:b], state.inverse[a:b])
 
 
 @njit(**options)
@@ -111,28 +107,40 @@ def _write_further(a: int, b: int, limits: Limits, block: Block, margin: Any, ou
     if out.residual.size > 0:
         write_residual(limits, block.squares, out.residual[a:b])
     if out.confidence.size > 0:
-        write_confidence(limits, margin, block.background, out.confidence[a:b])
+        write_confidence(margin, out.confidence[a:b])
 
 
 @njit(**options)
-def _wrapped(form: int, v: Any, i: Any, sums: Sums, limits: Limits, tools: Any) -> None:
+def _level(plan: Any, g: int) -> Level:
+    return Level(
+        plan.initial_turns[g],
+        plan.ratio[g],
+        plan.counts[g],
+        plan.variance[g],
+        plan.residual_sigma2[g],
+        plan.residual_part2[g],
+    )
+
+
+@njit(**options)
+def _wrapped(form: int, v: Any, i: Any, sums: Sums, tools: Any) -> None:
     """Write the maps of a block of the only group; what else a block leaves goes into `block`, unless that is None."""
-    block, maps = tools
+    level, limits, block, maps = tools
     if form == 3:
-        write_wrapped((v[i[0]], v[i[1]], v[i[2]]), limits, block, maps)
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]]), level, limits, block, maps)
     elif form == 4:
-        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), limits, block, maps)
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), level, limits, block, maps)
     elif form == 6:
-        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), limits, block, maps)
+        write_wrapped((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), level, limits, block, maps)
     else:
-        write_wrapped(sums, limits, block, maps)
+        write_wrapped(sums, level, limits, block, maps)
 
 
 @kept(*_CALLED, **options)
 def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode the only group of blocks `start` to `stop` of `frames` (n, pixels) into the maps of `job`."""
     part, _, kept_sums, limits, out = job
-    form, i, block = plan.form[0], plan.place[0], _new_block()
+    form, i, level, block = plan.form[0], plan.place[0], _level(plan, 0), _new_block()
     sums = new_sums(frames, 1 if part.summed or form > 0 else BLOCK_PX, plan.normal[0])
     lean = out.background.size + out.sigma_rad.size + out.wrapped_rad.size + out.residual.size == 0
     for number in range(start, stop):
@@ -144,42 +152,34 @@ def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> N
         elif form == 0:
             _add_up(v, i, plan.chunks[0], plan.weights[0], sums)
         if lean:
-            _wrapped(form, v, i, sums, limits, (None, maps))
+            _wrapped(form, v, i, sums, (level, limits, None, maps))
         else:
-            _wrapped(form, v, i, sums, limits, (block, maps))
+            _wrapped(form, v, i, sums, (level, limits, block, maps))
             _write_further(a, b, limits, block, block.off, out)
 
 
 @njit(**options)
-def _level(plan: Any, g: int, limits: Limits) -> Level:
-    return Level(
-        plan.initial_turns[g], plan.ratio[g], plan.counts[g], limits.misfit_turns, limits.saturation, plan.variance[g]
-    )
-
-
-@njit(**options)
-def _margin(g: int, level: Level, state: State, block: Block) -> None:
+def _margin(g: int, level: Level, limits: Limits, state: State, block: Block) -> None:
     if state.margin.size == 0:
         return
     if g == 0:
-        begin_margin(level, state, block)
+        begin_margin(level, limits, state, block)
     else:
-        add_margin(level, state, block)
+        add_margin(level, limits, state, block)
 
 
 @njit(**options)
 def _add(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> None:
     """Take a level that is not the finest into the state; `v` are the block's frames, `i` the group's of them."""
-    state, block = tools
-    count = v.shape[1]
+    limits, state, block = tools
     if form == 3:
-        add_level((v[i[0]], v[i[1]], v[i[2]]), count, level, state, block)
+        add_level((v[i[0]], v[i[1]], v[i[2]]), level, limits, state, block)
     elif form == 4:
-        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), count, level, state, block)
+        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), level, limits, state, block)
     elif form == 6:
-        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), count, level, state, block)
+        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), level, limits, state, block)
     else:
-        add_level(sums, count, level, state, block)
+        add_level(sums, level, limits, state, block)
 
 
 @njit(**options)
@@ -205,8 +205,40 @@ def _three_fours(v: Any, plan: Any, limits: Limits, block: Block, maps: Maps) ->
         (v[i[1, 0]], v[i[1, 1]], v[i[1, 2]], v[i[1, 3]]),
         (v[i[2, 0]], v[i[2, 1]], v[i[2, 2]], v[i[2, 3]]),
     )
-    levels = (_level(plan, 0, limits), _level(plan, 1, limits), _level(plan, 2, limits))
+    levels = (_level(plan, 0), _level(plan, 1), _level(plan, 2))
     three_levels(rows, levels, plan.centre_turns, limits, block, maps)
+
+
+@njit(**options)
+def _group_sums(v: Any, plan: Any, g: int, kept_sums: Sums, scratch: Sums, span: Any) -> Sums:
+    """Return a group's sums of a block: those that are there, or its frames' where there is no closed form."""
+    summed, a, b = span
+    sums: Sums = scratch
+    if summed:
+        sums = sums_between(kept_sums, a, b, plan.normal[g])
+    elif plan.form[g] == 0:
+        sums = sums_between(scratch, 0, b - a, plan.normal[g])
+        _add_up(v, plan.place[g], plan.chunks[g], plan.weights[g], sums)
+    return sums
+
+
+@njit(**options)
+def _in_turn(v: Any, plan: Any, job: Job, state: State, tools: Any) -> None:
+    """Take the part's groups one after the other."""
+    part, limits = job.part, job.limits
+    block, scratch, maps, span = tools
+    if part.first == 0:
+        begin_state(state, plan.centre_turns)
+    for g in range(part.first, part.last):
+        level = _level(plan, g)
+        sums = _group_sums(v, plan, g, job.sums, scratch, span)
+        if part.finishes and g == part.last - 1:
+            _finish(plan.form[g], v, plan.place[g], sums, level, (state, block, limits, maps))
+        else:
+            _add(plan.form[g], v, plan.place[g], sums, level, (limits, state, block))
+            if g == 0:
+                copy_pixels(block.square, state.coarsest)
+        _margin(g, level, limits, state, block)
 
 
 @kept(*_CALLED, **options)
@@ -215,37 +247,21 @@ def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> 
 
     Groups before the part's first one are in the job's state already, which then is that of all pixels.
     """
-    part, kept_state, kept_sums, limits, out = job
+    part, kept_state, _, limits, out = job
     block = _new_block()
-    scratch_state = new_state(1 if part.kept else BLOCK_PX, out.confidence.size > 0)
-    scratch_sums = new_sums(frames, 1 if part.summed else BLOCK_PX, plan.normal[0])
-    three_fours = part.finishes and part.last - part.first == 3 and scratch_state.margin.size == 0
+    whole = new_state(1 if part.kept else BLOCK_PX, out.confidence.size > 0)
+    scratch = new_sums(frames, 1 if part.summed else BLOCK_PX, plan.normal[0])
+    three_fours = part.finishes and part.last - part.first == 3 and out.confidence.size == 0
     three_fours = three_fours and plan.form[0] == 4 and plan.form[1] == 4 and plan.form[2] == 4
     for number in range(start, stop):
         a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
         v = frames[:, a:b]
-        state = _state_between(kept_state, a, b) if part.kept else scratch_state
+        state = _state_between(kept_state, a, b) if part.kept else _state_between(whole, 0, b - a)
+        m = b if part.finishes else a  # a part that is not the last has no maps
+        maps = Maps(out.phase_rad[a:m], out.modulation[a:m], out.rejected[a:m])
         if three_fours:
-            _three_fours(v, plan, limits, block, Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b]))
-            _write_further(a, b, limits, block, state.margin, out)
-            continue
-        if part.first == 0:
-            begin_state(state, plan.centre_turns)
-        for g in range(part.first, part.last):
-            level = _level(plan, g, limits)
-            form, i, sums = plan.form[g], plan.place[g], scratch_sums
-            if part.summed:
-                sums = sums_between(kept_sums, a, b, plan.normal[g])
-            elif form == 0:
-                sums = sums_between(scratch_sums, 0, b - a, plan.normal[g])
-                _add_up(v, i, plan.chunks[g], plan.weights[g], sums)
-            if part.finishes and g == part.last - 1:
-                maps = Maps(out.phase_rad[a:b], out.modulation[a:b], out.rejected[a:b])
-                _finish(form, v, i, sums, level, (state, block, limits, maps))
-            else:
-                _add(form, v, i, sums, level, (state, block))
-                if g == 0:
-                    copy_pixels(block.square, state.coarsest[: b - a])
-            _margin(g, level, state, block)
+            _three_fours(v, plan, limits, block, maps)
+        else:
+            _in_turn(v, plan, job, state, (block, scratch, maps, (part.summed, a, b)))
         if part.finishes:
             _write_further(a, b, limits, block, state.margin, out)

@@ -51,8 +51,8 @@ _NOT_KEPT = np.empty((0, 0), np.float32)
 class Decoded(NamedTuple):
     """Arrays of `(height, width)`: float32 and the uint16 mask; what was not asked for is (0, 0).
 
-    `residual` is the root mean square of the fit's residual components in grey levels, one frame's noise where
-    nothing is wrong. `confidence` is by how many standard deviations the least certain fringe order is not the
+    `residual` is the root mean square of the finest group's residual components in grey levels, one frame's noise
+    where nothing is wrong. `confidence` is by how many standard deviations the least certain fringe order is not the
     next one; infinite where there was none to choose.
     """
 

@@ -12,45 +12,28 @@ from numba import njit
 
 from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.closed_forms import fit_at
-from fringed_plugins.phase.level_kernel import PER_TURN, ROUND, Block, Level, State, next_turns, options
+from fringed_plugins.phase.level_kernel import (
+    PER_TURN,
+    ROUND,
+    Block,
+    Level,
+    Limits,
+    State,
+    next_turns,
+    options,
+    reasons,
+    variance_of,
+)
 
 _HALF = np.float32(0.5)
 _ZERO = np.float32(0.0)
 _TWO_PI = np.float32(2 * np.pi)
-_INFINITE = np.float32(np.inf)
 _NAN = np.float32(np.nan)
 _TINY = np.float32(1e-12)
 _NONE = np.int32(0)
 # The contract's reasons, as `fringed.data.Reject` has them.
-_SATURATED, _LOW_MODULATION, _FRINGE_ORDER = np.int32(1), np.int32(2), np.int32(4)
-_RESIDUAL, _OUT_OF_RANGE, _DISCONTINUITY, _OTHER = np.int32(8), np.int32(16), np.int32(64), np.int32(128)
-
-
-class Limits(NamedTuple):
-    """Numbers of the last step, all float32: noise model, thresholds and the projector's range."""
-
-    noise_constant: np.float32  # variance of one frame: constant + slope * background, in DN^2
-    noise_slope: np.float32
-    phase_factor: np.float32  # sigma_phase^2 = factor * variance / modulation^2
-    saturation: np.float32
-    modulation2: np.float32  # smallest squared modulation in DN^2
-    modulation_snr2: np.float32  # smallest squared modulation over the noise's variance
-    residual_sigma2: np.float32  # largest sum of squared residuals, in variances of one frame
-    residual_part2: np.float32  # ... plus this part of the squared modulation
-    per_residual: np.float32  # one over the number of residual components
-    misfit_turns: np.float32  # largest difference between a coarse prediction and a fine phase
-    drop2: np.float32  # smallest squared ratio of the finest to the coarsest modulation
-    wrap_turns: np.float32  # number of the finest periods, or 0 where the range is not circular
-    cut_turns: np.float32  # where the finest phase is cut
-    low_turns: np.float32  # range of the finest phase that is on the projector
-    high_turns: np.float32
-    initial_rad: np.float32  # added to the finest phase
-
-
-@njit(**options)
-def _variance(light: Any, limits: Limits) -> Any:
-    """Return the variance of a frame whose mean grey level is `light`."""
-    return limits.noise_constant + limits.noise_slope * (light if light > _ZERO else _ZERO)
+_SATURATED, _FRINGE_ORDER = np.int32(1), np.int32(4)
+_OUT_OF_RANGE, _DISCONTINUITY = np.int32(16), np.int32(64)
 
 
 class Maps(NamedTuple):
@@ -62,21 +45,15 @@ class Maps(NamedTuple):
 
 
 @njit(**options)
-def write_wrapped(rows: Any, limits: Limits, block: Block | None, maps: Maps) -> None:
+def write_wrapped(rows: Any, level: Level, limits: Limits, block: Block | None, maps: Maps) -> None:
     """Write wrapped phase, modulation and mask of a block of one group; leave the unmasked phase in `block.turns`."""
     phase, modulation, rejected = maps
     for x in range(phase.size):
         light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
         angle = fast_atan2(sine, cosine)
         modulation2 = cosine * cosine + sine * sine
-        variance = _variance(light, limits)
-        least = limits.modulation_snr2 * variance
-        least = least if least > limits.modulation2 else limits.modulation2
-        most = limits.residual_sigma2 * variance + limits.residual_part2 * modulation2
-        flag = _SATURATED if brightest >= limits.saturation else _NONE
-        flag = np.int32(flag | (_LOW_MODULATION if modulation2 < least else _NONE))
-        flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
-        flag = np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
+        flag = reasons(light, modulation2, square, level, limits)
+        flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         if block is not None:  # decided when the loop is compiled
             block.turns[x] = angle * PER_TURN
             block.background[x] = light
@@ -94,17 +71,9 @@ def _around(t: Any, limits: Limits) -> Any:
 
 
 @njit(**options)
-def _reasons(t: Any, modulation2: Any, weakest: Any, squares: Any, light: Any, limits: Limits) -> Any:
-    """Return the reasons to drop a pixel that the finest level and the sums over all levels tell."""
-    variance = _variance(light, limits)
-    least = limits.modulation_snr2 * variance
-    least = least if least > limits.modulation2 else limits.modulation2
-    most = limits.residual_sigma2 * variance + limits.residual_part2 * modulation2
-    flag = _LOW_MODULATION if weakest < least else _NONE
-    flag = np.int32(flag | (_RESIDUAL if squares > most else _NONE))
-    flag = np.int32(flag | (_OUT_OF_RANGE if t < limits.low_turns else _NONE))
-    flag = np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))
-    return np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
+def _outside(t: Any, limits: Limits) -> Any:
+    flag = _OUT_OF_RANGE if t < limits.low_turns else _NONE
+    return np.int32(flag | (_OUT_OF_RANGE if t > limits.high_turns else _NONE))
 
 
 @njit(**options)
@@ -116,18 +85,16 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Blo
         t, off = next_turns(cosine, sine, state.turns[x], level)
         t = _around(t, limits)
         modulation2 = cosine * cosine + sine * sine
-        squares = state.squares[x] + square
-        weakest = modulation2 if modulation2 < state.weakest[x] else state.weakest[x]
-        flag = _reasons(t, modulation2, weakest, squares, light, limits)
-        flag = np.int32(flag | np.int32(state.flags[x]))
-        flag = np.int32(flag | (_SATURATED if brightest >= level.saturation else _NONE))
-        flag = np.int32(flag | (_FRINGE_ORDER if off > level.misfit_turns else _NONE))
+        flag = np.int32(np.int32(state.flags[x]) | reasons(light, modulation2, square, level, limits))
+        flag = np.int32(flag | _outside(t, limits))
+        flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
+        flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
         flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * state.coarsest[x] else _NONE))
         block.turns[x] = t + limits.initial_rad * PER_TURN
         block.off[x] = off
         block.square[x] = modulation2
         block.background[x] = light
-        block.squares[x] = squares
+        block.squares[x] = square
         modulation[x] = np.sqrt(modulation2)
         phase[x] = t * _TWO_PI + limits.initial_rad if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)
@@ -143,32 +110,28 @@ def three_levels(rows: Any, levels: Any, centre_turns: Any, limits: Limits, bloc
     first, second, third = levels
     phase, modulation, rejected = maps
     for x in range(phase.size):
-        _, cosine, sine, squares, brightest = fit_at(coarse, np.uintp(x))
+        light, cosine, sine, square, brightest = fit_at(coarse, np.uintp(x))
         t, _ = next_turns(cosine, sine, centre_turns, first)
         coarsest = cosine * cosine + sine * sine
-        _, cosine, sine, square, high = fit_at(middle, np.uintp(x))
+        flag = reasons(light, coarsest, square, first, limits)
+        light, cosine, sine, square, high = fit_at(middle, np.uintp(x))
         t, misfit = next_turns(cosine, sine, t, second)
-        squares += square
         brightest = high if high > brightest else brightest
-        modulation2 = cosine * cosine + sine * sine
-        weakest = modulation2 if modulation2 < coarsest else coarsest
-        finite = coarsest + modulation2 < _INFINITE
+        flag = np.int32(flag | reasons(light, cosine * cosine + sine * sine, square, second, limits))
         light, cosine, sine, square, high = fit_at(fine, np.uintp(x))
         t, off = next_turns(cosine, sine, t, third)
         t = _around(t, limits)
-        squares += square
         brightest = high if high > brightest else brightest
-        misfit = off if off > misfit else misfit
         modulation2 = cosine * cosine + sine * sine
-        weakest = modulation2 if modulation2 < weakest else weakest
-        flag = _reasons(t, modulation2, weakest, squares, light, limits)
-        flag = np.int32(flag | (_NONE if finite else _OTHER))
+        flag = np.int32(flag | reasons(light, modulation2, square, third, limits))
+        flag = np.int32(flag | _outside(t, limits))
         flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         flag = np.int32(flag | (_FRINGE_ORDER if misfit > limits.misfit_turns else _NONE))
+        flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
         flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * coarsest else _NONE))
         block.turns[x] = t + limits.initial_rad * PER_TURN
         block.background[x] = light
-        block.squares[x] = squares
+        block.squares[x] = square
         modulation[x] = np.sqrt(modulation2)
         phase[x] = t * _TWO_PI + limits.initial_rad if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)
@@ -179,7 +142,7 @@ def write_sigma(limits: Limits, background: Any, modulation: Any, phase: Any, si
     """Write the standard deviation of the phase; NaN where there is no phase."""
     for x in range(sigma.size):
         square = modulation[x] * modulation[x] + _TINY
-        deviation = np.sqrt(limits.phase_factor * _variance(background[x], limits) / square)
+        deviation = np.sqrt(limits.phase_factor * variance_of(background[x], limits) / square)
         sigma[x] = _NAN if np.isnan(phase[x]) else deviation
 
 
@@ -191,10 +154,10 @@ def write_residual(limits: Limits, squares: Any, residual: Any) -> None:
 
 
 @njit(**options)
-def write_confidence(limits: Limits, margin: Any, background: Any, confidence: Any) -> None:
+def write_confidence(margin: Any, confidence: Any) -> None:
     """Write by how many standard deviations of noise the least certain order is not the next one."""
     for x in range(confidence.size):
-        confidence[x] = np.sqrt(margin[x] / (_variance(background[x], limits) + _TINY))
+        confidence[x] = np.sqrt(margin[x])
 
 
 @njit(**options)

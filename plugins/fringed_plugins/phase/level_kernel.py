@@ -15,12 +15,10 @@ from fringed_plugins.phase.arctangent import fast_atan2
 from fringed_plugins.phase.closed_forms import fit_at
 
 _ZERO = np.float32(0.0)
-_NONE, _SATURATED, _FRINGE_ORDER, _OTHER = (
-    np.int32(0),
-    np.int32(1),
-    np.int32(4),
-    np.int32(128),
-)  # as `fringed.data.Reject` has them
+_NONE = np.int32(0)
+# The contract's reasons, as `fringed.data.Reject` has them.
+_SATURATED, _LOW_MODULATION, _FRINGE_ORDER = np.int32(1), np.int32(2), np.int32(4)
+_RESIDUAL, _OTHER = np.int32(8), np.int32(128)
 _HALF = np.float32(0.5)
 _TINY = np.float32(1e-12)
 _INFINITE = np.float32(np.inf)
@@ -39,12 +37,10 @@ class State(NamedTuple):
     """
 
     turns: Any  # phase of the last level in periods, counted from the projector's first column
-    squares: Any  # sum of the squared residuals of all levels
-    weakest: Any  # smallest squared modulation of all levels
     coarsest: Any  # squared modulation of the first level
     flags: Any  # uint8: reasons found so far, as `fringed.data.Reject` has them
-    margin: Any  # smallest (room for error)^2 of the levels' orders, over its variance for a frame's variance of 1
-    inverse: Any  # variance of the last level's turns, for a frame's variance of 1
+    margin: Any  # smallest (room for error)^2 of the levels' orders, over its variance
+    inverse: Any  # variance of the last level's turns
 
 
 class Block(NamedTuple):
@@ -63,9 +59,46 @@ class Level(NamedTuple):
     initial_turns: np.float32
     ratio: np.float32  # period of the group before over this one's; 1 for the first
     counts: np.float32  # 1 where the prediction is one, 0 for the first group
-    misfit_turns: np.float32  # largest difference between prediction and measurement
-    saturation: np.float32
     variance: np.float32  # of this group's turns, times squared modulation, for a frame's variance of 1
+    residual_sigma2: np.float32  # largest sum of squared residuals, in variances of one frame
+    residual_part2: np.float32  # ... plus this part of the squared modulation
+
+
+class Limits(NamedTuple):
+    """Numbers that hold for all groups, float32: noise model, thresholds and the projector's range."""
+
+    noise_constant: np.float32  # variance of one frame: constant + slope * background, in DN^2
+    noise_slope: np.float32
+    phase_factor: np.float32  # sigma_phase^2 = factor * variance / modulation^2
+    saturation: np.float32
+    modulation2: np.float32  # smallest squared modulation in DN^2
+    modulation_snr2: np.float32  # smallest squared modulation over the noise's variance
+    per_residual: np.float32  # one over the number of the finest group's residual components
+    misfit_turns: np.float32  # largest difference between a coarse prediction and a fine phase
+    drop2: np.float32  # smallest squared ratio of the finest to the coarsest modulation
+    wrap_turns: np.float32  # number of the finest periods, or 0 where the range is not circular
+    cut_turns: np.float32  # where the finest phase is cut
+    low_turns: np.float32  # range of the finest phase that is on the projector
+    high_turns: np.float32
+    initial_rad: np.float32  # added to the finest phase
+
+
+@njit(**options)
+def variance_of(light: Any, limits: Limits) -> Any:
+    """Return the variance of a frame whose mean grey level is `light`."""
+    return limits.noise_constant + limits.noise_slope * (light if light > _ZERO else _ZERO)
+
+
+@njit(**options)
+def reasons(light: Any, modulation2: Any, square: Any, level: Level, limits: Limits) -> Any:
+    """Return the reasons to drop a pixel that one group's fit tells."""
+    variance = variance_of(light, limits)
+    least = limits.modulation_snr2 * variance
+    least = least if least > limits.modulation2 else limits.modulation2
+    most = level.residual_sigma2 * variance + level.residual_part2 * modulation2
+    flag = _LOW_MODULATION if modulation2 < least else _NONE
+    flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
+    return np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
 
 
 @njit(**options)
@@ -87,50 +120,48 @@ def copy_pixels(source: Any, target: Any) -> None:
 @njit(**options)
 def begin_state(state: State, centre_turns: np.float32) -> None:
     """Set a block's state before the first level, whose phase lies within half a turn of `centre_turns`."""
-    turns, squares, weakest, flags = state.turns, state.squares, state.weakest, state.flags
+    turns, flags = state.turns, state.flags
     for x in range(turns.size):
         turns[x] = centre_turns
-        squares[x] = _ZERO
-        weakest[x] = _INFINITE
         flags[x] = np.uint8(0)
 
 
 @njit(**options)
-def add_level(rows: Any, count: int, level: Level, state: State, block: Block) -> None:
-    """Carry the phase of a block's first `count` pixels from the level before to the one whose frames are `rows`."""
-    turns, squares, weakest, flags = state.turns, state.squares, state.weakest, state.flags
-    for x in range(count):
-        _, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
+def add_level(rows: Any, level: Level, limits: Limits, state: State, block: Block) -> None:
+    """Carry the phase of a block from the level before to the one whose frames are `rows`."""
+    turns, flags = state.turns, state.flags
+    for x in range(turns.size):
+        light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
         fine, off = next_turns(cosine, sine, turns[x], level)
         modulation2 = cosine * cosine + sine * sine
+        flag = np.int32(np.int32(flags[x]) | reasons(light, modulation2, square, level, limits))
+        flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
+        flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
         turns[x] = fine
+        flags[x] = np.uint8(flag)
         block.off[x] = off
         block.square[x] = modulation2
-        squares[x] += square
-        weakest[x] = modulation2 if modulation2 < weakest[x] else weakest[x]
-        flag = np.int32(flags[x]) | (_SATURATED if brightest >= level.saturation else _NONE)
-        flag |= _FRINGE_ORDER if off > level.misfit_turns else _NONE
-        flags[x] = np.uint8(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
+        block.background[x] = light
 
 
 @njit(**options)
-def begin_margin(level: Level, state: State, block: Block) -> None:
+def begin_margin(level: Level, limits: Limits, state: State, block: Block) -> None:
     """Start a block's margin with the first level's variance."""
     margin, inverse = state.margin, state.inverse
     for x in range(margin.size):
         margin[x] = _INFINITE
-        inverse[x] = level.variance / (block.square[x] + _TINY)
+        inverse[x] = level.variance * variance_of(block.background[x], limits) / (block.square[x] + _TINY)
 
 
 @njit(**options)
-def add_margin(level: Level, state: State, block: Block) -> None:
+def add_margin(level: Level, limits: Limits, state: State, block: Block) -> None:
     """Take this level's room for error into a block's margin."""
     margin, inverse = state.margin, state.inverse
     gain = level.ratio * level.ratio
     for x in range(margin.size):
-        mine = level.variance / (block.square[x] + _TINY)
+        mine = level.variance * variance_of(block.background[x], limits) / (block.square[x] + _TINY)
         room = _HALF - block.off[x]
         room = room if room > _ZERO else _ZERO
-        here = room * room / (gain * inverse[x] + mine)
+        here = room * room / (gain * inverse[x] + mine + _TINY)
         margin[x] = here if here < margin[x] else margin[x]
         inverse[x] = mine

@@ -49,6 +49,8 @@ class Plan(NamedTuple):
     counts: Float32Array  # (groups,) 0 for the first, otherwise 1
     variance: Float32Array  # (groups,) of the turns, times squared modulation, for a frame's variance of 1
     centre_turns: np.float32  # middle of the turn in which the coarsest phase lies
+    residual_sigma2: Float32Array  # (groups,) largest sum of squared residuals, in variances of one frame
+    residual_part2: Float32Array  # (groups,) ... plus this part of the squared modulation
 
 
 def transform(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
@@ -140,6 +142,8 @@ def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool =
         counts=np.minimum(np.arange(len(groups)), 1).astype(np.float32),
         variance=variance.astype(np.float32),
         centre_turns=np.float32(centre_turns),
+        residual_sigma2=np.full(len(groups), np.inf, np.float32),
+        residual_part2=np.zeros(len(groups), np.float32),
     )
 
 

@@ -37,12 +37,12 @@ def noisy(periods_steps, kind=np.uint8, gain=1.0):
 
 
 def streamed(stack, groups, size_px, order, limits, keep):
-    sums = Accumulator(stack.shape[1:], stack.dtype, groups, limits, size_px, keep=keep, threads=2)
+    sums = Accumulator(stack.shape[1:], stack.dtype, groups, limits, size_px, noise=NOISE, keep=keep, threads=2)
     for index in order:
         frame = stack[index].copy()
         sums.add(index, frame)
         frame[:] = 77  # the sink may not look at it again
-    return sums.finish(NOISE, stack)
+    return sums.finish(stack)
 
 
 def assert_alike(one, other, rounding=0.0):
@@ -119,7 +119,19 @@ def test_a_frame_that_is_missing_or_comes_twice_is_told():
     with pytest.raises(ValueError, match="shape"):
         sums.add(4, stack[4, :5])
     with pytest.raises(ValueError, match=r"frames \[0, 1, 2, 4"):
-        sums.finish(NOISE)
+        sums.finish()
+
+
+def test_levels_wait_for_what_the_frames_have_to_show():
+    stack, groups = noisy(SETS["closed and summed"])
+    limits = Thresholds(saturation_dn=255.0)
+    sums = Accumulator(stack.shape[1:], stack.dtype, groups, Thresholds(), 1024)
+    for index, frame in enumerate(stack):
+        sums.add(index, frame)
+    with pytest.raises(ValueError, match="noise is unknown"):
+        sums.finish()
+    sums.settle(NOISE, limits)
+    assert_alike(decode(stack, groups, NOISE, limits, 1024), sums.finish(stack))
 
 
 def test_frames_of_other_groups_are_none_of_its_business():
