@@ -34,7 +34,8 @@ def document(*words: str, runtime: Path, code: int = 0) -> Any:
 
 def test_previews_are_what_a_scan_projects(station_runtime: Path) -> None:
     with Station(station_runtime) as station:
-        preview = station.patterns("multi-frequency", {"steps": 3})
+        pipeline = station.config()["pipelines"]["hierarchical"]
+        preview = station.patterns(pipeline["encoder"], {**pipeline["encoder_params"], "steps": 3})
         taken = station.scan("hierarchical", encoder_params={"steps": 3}, process=False)
         projected = taken.frame_sets["object"].sequence
     assert preview.precompensated and (preview.width_px, preview.height_px) == (1024, 768)
