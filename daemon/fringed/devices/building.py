@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fringed.config import StationConfig, validate
@@ -15,6 +16,7 @@ from fringed.devices.camera.base import AbsentCamera, MachineClock
 from fringed.devices.projector.base import AbsentProjector
 from fringed.errors import ConfigurationError, FringedError, PluginError, Problem
 from fringed.hookspecs import Camera, Clock, Driver, Projector
+from fringed.kernels import forget_stale_kernels
 from fringed.loading import Catalogue
 
 if TYPE_CHECKING:
@@ -66,9 +68,10 @@ def build_devices(
 
 
 def _rig(config: StationConfig) -> SimulatedRig:
-    from fringed.simulation.rig import SimulatedRig
+    from fringed.simulation import rig
 
-    return SimulatedRig(config.simulation)
+    forget_stale_kernels(Path(rig.__file__).parent)
+    return rig.SimulatedRig(config.simulation)
 
 
 def _replay(config: StationConfig, make_replay: MakeReplay | None) -> tuple[Camera, Projector]:

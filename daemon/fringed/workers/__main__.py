@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import importlib.util
 import logging
 import os
 import signal
@@ -15,6 +16,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fringed.kernels import forget_stale_kernels
 from fringed.workers.blackbox import BlackBox
 from fringed.workers.memory import keep_freed_pages
 
@@ -53,7 +55,15 @@ def main(argv: list[str] | None = None) -> int:
     threads = args.threads or len(os.sched_getaffinity(0))
     _limit_threads(threads)
     keep_freed_pages(256)
+    _forget_stale_kernels()
     return _serve(args, threads)
+
+
+def _forget_stale_kernels() -> None:
+    """Before any kernel is read from disk."""
+    found = importlib.util.find_spec("fringed_plugins")  # which imports nothing
+    if found is not None and found.origin:
+        forget_stale_kernels(Path(found.origin).parent)
 
 
 def _serve(args: argparse.Namespace, threads: int) -> int:
