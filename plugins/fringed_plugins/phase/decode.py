@@ -194,7 +194,8 @@ def prepare(
         "phase_factor": phase_variance_factor(last.shifts_rad),
         "saturation": thresholds.saturation_dn,
         "modulation2": thresholds.modulation_dn**2,
-        "modulation_snr2": thresholds.modulation_snr**2,
+        "least_constant": thresholds.modulation_snr**2 * noise.constant_dn2,
+        "least_slope": thresholds.modulation_snr**2 * noise.slope_dn,
         "per_residual": 1 / max(degrees_of_freedom([last]), 1),
         "misfit_turns": thresholds.order_turns,
         "drop2": thresholds.modulation_drop**2,
@@ -206,16 +207,18 @@ def prepare(
     }
     limits = Limits(**{name: np.float32(n) for name, n in numbers.items()})
     layout = plan(groups, centre, absolute=size_px is not None)
-    sigma2, part2 = np.array([_residual_limits(group, thresholds) for group in groups], np.float32).T
-    return layout._replace(residual_sigma2=sigma2.copy(), residual_part2=part2.copy()), limits
+    misfit = [_largest_misfit(group, noise, thresholds) for group in groups]
+    return layout._replace(misfit=np.array(misfit, np.float32)), limits
 
 
-def _residual_limits(group: Group, thresholds: Thresholds) -> tuple[float, float]:
-    """Return the largest sum of squared residuals, in variances of a frame and as a part of the squared modulation."""
+def _largest_misfit(group: Group, noise: NoiseModel, thresholds: Thresholds) -> tuple[float, float, float]:
+    """Return the largest sum of squared residuals: a constant, and parts of background and squared modulation."""
     count = degrees_of_freedom([group])
     if count == 0:
-        return np.inf, 0.0  # three frames fit anything
-    return _chi_square_limit(count), count * thresholds.residual**2 + style_residual(group, thresholds.gamma)
+        return np.inf, 0.0, 0.0  # three frames fit anything
+    variances = _chi_square_limit(count)
+    part = count * thresholds.residual**2 + style_residual(group, thresholds.gamma)
+    return variances * noise.constant_dn2, variances * noise.slope_dn, part
 
 
 def _chi_square_limit(dof: int) -> float:

@@ -117,8 +117,9 @@ def _level(plan: Any, g: int) -> Level:
         plan.ratio[g],
         plan.counts[g],
         plan.variance[g],
-        plan.residual_sigma2[g],
-        plan.residual_part2[g],
+        plan.misfit[g, 0],
+        plan.misfit[g, 1],
+        plan.misfit[g, 2],
     )
 
 

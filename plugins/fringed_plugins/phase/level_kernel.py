@@ -60,8 +60,9 @@ class Level(NamedTuple):
     ratio: np.float32  # period of the group before over this one's; 1 for the first
     counts: np.float32  # 1 where the prediction is one, 0 for the first group
     variance: np.float32  # of this group's turns, times squared modulation, for a frame's variance of 1
-    residual_sigma2: np.float32  # largest sum of squared residuals, in variances of one frame
-    residual_part2: np.float32  # ... plus this part of the squared modulation
+    misfit_constant: np.float32  # largest sum of squared residuals: constant + slope * background
+    misfit_slope: np.float32
+    misfit_part: np.float32  # ... plus this part of the squared modulation
 
 
 class Limits(NamedTuple):
@@ -72,7 +73,8 @@ class Limits(NamedTuple):
     phase_factor: np.float32  # sigma_phase^2 = factor * variance / modulation^2
     saturation: np.float32
     modulation2: np.float32  # smallest squared modulation in DN^2
-    modulation_snr2: np.float32  # smallest squared modulation over the noise's variance
+    least_constant: np.float32  # smallest squared modulation over noise: constant + slope * background
+    least_slope: np.float32
     per_residual: np.float32  # one over the number of the finest group's residual components
     misfit_turns: np.float32  # largest difference between a coarse prediction and a fine phase
     drop2: np.float32  # smallest squared ratio of the finest to the coarsest modulation
@@ -92,10 +94,10 @@ def variance_of(light: Any, limits: Limits) -> Any:
 @njit(**options)
 def reasons(light: Any, modulation2: Any, square: Any, level: Level, limits: Limits) -> Any:
     """Return the reasons to drop a pixel that one group's fit tells."""
-    variance = variance_of(light, limits)
-    least = limits.modulation_snr2 * variance
+    light = light if light > _ZERO else _ZERO
+    least = limits.least_constant + limits.least_slope * light
     least = least if least > limits.modulation2 else limits.modulation2
-    most = level.residual_sigma2 * variance + level.residual_part2 * modulation2
+    most = level.misfit_constant + level.misfit_slope * light + level.misfit_part * modulation2
     flag = _LOW_MODULATION if modulation2 < least else _NONE
     flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
     return np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))

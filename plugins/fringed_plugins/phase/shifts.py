@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from fringed_plugins.phase.profiles import STYLES, profile
+from fringed_plugins.phase.projection.profiles import STYLES, profile
 
 _SAME_RAD = 1e-9
 LANES = 4  # frames that the kernel takes at a time
@@ -49,8 +49,7 @@ class Plan(NamedTuple):
     counts: Float32Array  # (groups,) 0 for the first, otherwise 1
     variance: Float32Array  # (groups,) of the turns, times squared modulation, for a frame's variance of 1
     centre_turns: np.float32  # middle of the turn in which the coarsest phase lies
-    residual_sigma2: Float32Array  # (groups,) largest sum of squared residuals, in variances of one frame
-    residual_part2: Float32Array  # (groups,) ... plus this part of the squared modulation
+    misfit: Float32Array  # (groups, 3) largest sum of squared residuals: constant, per background, per modulation^2
 
 
 def transform(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
@@ -142,8 +141,7 @@ def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool =
         counts=np.minimum(np.arange(len(groups)), 1).astype(np.float32),
         variance=variance.astype(np.float32),
         centre_turns=np.float32(centre_turns),
-        residual_sigma2=np.full(len(groups), np.inf, np.float32),
-        residual_part2=np.zeros(len(groups), np.float32),
+        misfit=np.full((len(groups), 3), np.inf, np.float32),
     )
 
 
