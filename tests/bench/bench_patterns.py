@@ -19,7 +19,7 @@ from fringed.config import validate
 from fringed.data import PatternSequence
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
-from fringed_plugins.phase import frequencies
+from fringed_plugins.phase.projection import frequencies
 
 WIDTH_PX, HEIGHT_PX, MARGIN_PX = 768, 256, 64
 TARGET = ProjectorTarget(WIDTH_PX, HEIGHT_PX)

@@ -15,16 +15,16 @@ import numpy as np
 from scipy import fft
 from stationkit import figure, info
 
-from fringed_plugins.phase.bands import band_around, find_carrier
-from fringed_plugins.phase.colour import Colours, balance, three_steps, unmix
+from fringed_plugins.phase.colours.colour import Colours, balance, three_steps, unmix
+from fringed_plugins.phase.colours.one_shot import Carrier, three_carriers
 from fringed_plugins.phase.decoded import Thresholds
-from fringed_plugins.phase.fourier import analytic_signal, frame_noise, lit, single_frame
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.one_shot import Carrier, three_carriers
 from fringed_plugins.phase.shifts import transform
-from fringed_plugins.phase.unknown_shifts import estimated_shifts
-from fringed_plugins.phase.window_bank import Bank, noise_of_coefficients
-from fringed_plugins.phase.windowed_fourier import filtered, ridges
+from fringed_plugins.phase.single_frame.bands import band_around, find_carrier
+from fringed_plugins.phase.single_frame.fourier import analytic_signal, frame_noise, lit, single_frame
+from fringed_plugins.phase.single_frame.window_bank import Bank, noise_of_coefficients
+from fringed_plugins.phase.single_frame.windowed_fourier import filtered, ridges
+from fringed_plugins.phase.unknown.unknown_shifts import estimated_shifts
 
 WIDTH, HEIGHT, ROUNDS = 1392, 1040, 7
 X, Y = np.arange(WIDTH), np.arange(HEIGHT)[:, None]

@@ -14,7 +14,7 @@ import numpy as np
 from single_frame import small
 
 from fringed_client.pictures.figures import INK, figure, labelled, save, titled
-from fringed_plugins.phase.colour import Colours, balance, three_steps, unmix
+from fringed_plugins.phase.colours.colour import Colours, balance, three_steps, unmix
 from fringed_plugins.phase.decoded import Thresholds
 from fringed_plugins.phase.noise import NoiseModel
 

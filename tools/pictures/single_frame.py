@@ -14,11 +14,11 @@ import numpy as np
 from PIL import Image
 
 from fringed_client.pictures.figures import INK, colour_bar, figure, labelled, save, titled
-from fringed_plugins.phase.bands import Band, band_around, find_carrier
-from fringed_plugins.phase.fourier import SingleFrame, analytic_signal, frame_noise, lit, single_frame
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.window_bank import Bank, noise_of_coefficients
-from fringed_plugins.phase.windowed_fourier import filtered, ridges
+from fringed_plugins.phase.single_frame.bands import Band, band_around, find_carrier
+from fringed_plugins.phase.single_frame.fourier import SingleFrame, analytic_signal, frame_noise, lit, single_frame
+from fringed_plugins.phase.single_frame.window_bank import Bank, noise_of_coefficients
+from fringed_plugins.phase.single_frame.windowed_fourier import filtered, ridges
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 HEIGHT, WIDTH, PERIOD = 300, 420, 15.0

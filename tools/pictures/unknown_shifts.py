@@ -16,7 +16,7 @@ import numpy as np
 from fringed_client.pictures.figures import INK, figure, labelled, save, titled
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import transform
-from fringed_plugins.phase.unknown_shifts import estimated_shifts
+from fringed_plugins.phase.unknown.unknown_shifts import estimated_shifts
 
 PICTURES = Path(__file__).resolve().parents[2] / "docs" / "pictures"
 HEIGHT, WIDTH = 240, 320

@@ -1,7 +1,7 @@
 """The colour crosstalk of a rig from uniform pictures, and what all decoders of colours share.
 
 Owns parameters, the choice of a set's shots, and how crosstalk is kept in a Calibration; the arithmetic is in
-`phase.crosstalk` and `phase.colour`, imported when first used.
+`phase.colours.crosstalk` and `phase.colours.colour`, imported when first used.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from fringed.hookspecs import Context, Params
 from fringed_plugins.decoders.common import checked_frames, full_scale_dn
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.colour import Colours
-    from fringed_plugins.phase.crosstalk import Crosstalk
+    from fringed_plugins.phase.colours.colour import Colours
+    from fringed_plugins.phase.colours.crosstalk import Crosstalk
 
 CHANNELS = ("red", "green", "blue")
 BLACK = "black_{}_dn"
@@ -61,7 +61,7 @@ class MeasureCrosstalk:
         DataError
             a set without the five pictures in three channels, too little light, or channels that cannot be told apart.
         """
-        from fringed_plugins.phase.crosstalk import measure_crosstalk
+        from fringed_plugins.phase.colours.crosstalk import measure_crosstalk
 
         frame_set, calibration = checked_frames(inputs, self.name), inputs.get("calibration")
         if not isinstance(calibration, Calibration):
@@ -128,7 +128,7 @@ def colours_of(calibration: Calibration | None, frame_set: FrameSet, context: Co
 
     Black levels are kept for 8 bits and scaled to the set's grey levels.
     """
-    from fringed_plugins.phase.colour import Colours
+    from fringed_plugins.phase.colours.colour import Colours
 
     if calibration is None or calibration.crosstalk is None:
         context.log(

@@ -1,6 +1,6 @@
 """Which exposures a scene needs, as a small document: what `fringe exposure` shows.
 
-Owns its parameters and the document's keys; the choice is `phase.exposures`'.
+Owns its parameters and the document's keys; the choice is `phase.exposure.exposures`'.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from fringed.hookspecs import Context, Params
 from fringed_plugins.decoders.common import full_scale_dn
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.exposures import Brightness, SensorModel, Suggestion
+    from fringed_plugins.phase.exposure.exposures import Brightness, SensorModel, Suggestion
 
 _BINS = 60
 
@@ -81,7 +81,7 @@ class SuggestExposures:
         DataError
             sets that are none, differ in size or gain, have no equal steps, or show no fringes at all.
         """
-        from fringed_plugins.phase.exposures import Wanted, brightness, suggest_exposures
+        from fringed_plugins.phase.exposure.exposures import Wanted, brightness, suggest_exposures
 
         sets = _checked(inputs.get("frames"))
         context.check_cancelled()
@@ -134,7 +134,7 @@ def _steps(frame_set: FrameSet) -> Any:
 
 
 def _sensor(frame_set: FrameSet, black_dn: float) -> SensorModel:
-    from fringed_plugins.phase.exposures import SensorModel
+    from fringed_plugins.phase.exposure.exposures import SensorModel
 
     full, settings = full_scale_dn(frame_set), frame_set.settings
     electrons_per_dn = settings.electrons_per_dn or 13_000.0 / full  # the usual CCD's, where it is not known

@@ -1,6 +1,6 @@
 """Decoder of a single frame by the Fourier transform.
 
-Owns its parameters; the filter is in `phase.fourier`, imported when first used.
+Owns its parameters; the filter is in `phase.single_frame.fourier`, imported when first used.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class FourierDecoder:
         DataError
             no fringes, or no carrier that stands out.
         """
-        from fringed_plugins.phase.fourier import analytic_signal, lit, single_frame
+        from fringed_plugins.phase.single_frame.fourier import analytic_signal, lit, single_frame
 
         frame_set = checked_frames(inputs, self.name)
         context.check_cancelled()
@@ -95,7 +95,7 @@ class FourierDecoder:
     @classmethod
     def warm_up(cls) -> None:
         """Load what transforms need."""
-        from fringed_plugins.phase import bands, fourier
+        from fringed_plugins.phase.single_frame import bands, fourier
 
         band = bands.Band(0.125, 0.0, 0.06, 0.06)
         fourier.analytic_signal(np.zeros((16, 64), np.float32), np.ones((16, 64), bool), band, threads=1)

@@ -1,6 +1,6 @@
 """Fusion of phase maps that were taken with different exposures or grey levels: high dynamic range.
 
-Owns its parameters and what maps have to have in common; the arithmetic is in `phase.fusion`.
+Owns its parameters and what maps have to have in common; the arithmetic is in `phase.exposure.fusion`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from fringed.errors import DataError
 from fringed.hookspecs import Context, Params
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.fusion import ExposedMap, Light
+    from fringed_plugins.phase.exposure.fusion import ExposedMap, Light
 
 _SAME = ("kind", "period_px", "orientation", "initial_phase_rad", "projector_px", "difference_to")
 
@@ -85,7 +85,7 @@ class FuseExposures:
         DataError
             fewer than two maps, maps of other fringes or without a deviation, or scales for other maps.
         """
-        from fringed_plugins.phase.fusion import FusionLimits, fuse, relative_light
+        from fringed_plugins.phase.exposure.fusion import FusionLimits, fuse, relative_light
 
         maps = _checked(inputs.get("maps"))
         arrays = [_arrays(one) for one in maps]
@@ -102,7 +102,7 @@ class FuseExposures:
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernel for two and three maps."""
-        from fringed_plugins.phase.fusion import ExposedMap, Light, fuse
+        from fringed_plugins.phase.exposure.fusion import ExposedMap, Light, fuse
 
         flat, none = np.ones((8, 8), np.float32), np.zeros((0, 0), np.float32)
         one = ExposedMap(flat, flat, flat, flat, none, np.zeros((8, 8), np.uint16))
@@ -159,7 +159,7 @@ def _checked(maps: Any) -> Sequence[PhaseMap]:
 
 
 def _arrays(one: PhaseMap) -> ExposedMap:
-    from fringed_plugins.phase.fusion import ExposedMap
+    from fringed_plugins.phase.exposure.fusion import ExposedMap
 
     none = np.zeros((0, 0), np.float32)
     sigma = one.sigma_rad if one.sigma_rad is not None else none
@@ -168,7 +168,7 @@ def _arrays(one: PhaseMap) -> ExposedMap:
 
 
 def _given_light(scales: Sequence[float], count: int) -> list[Light]:
-    from fringed_plugins.phase.fusion import Light
+    from fringed_plugins.phase.exposure.fusion import Light
 
     if len(scales) != count:
         raise ValueError(f"{len(scales)} scales are given for {count} maps; give one for each, or none")

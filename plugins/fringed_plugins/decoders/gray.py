@@ -132,8 +132,8 @@ class GrayPhaseShiftDecoder:
 def warm_up_gray() -> None:
     """Compile or load the kernels of bits and of the orders that they give."""
     from fringed_plugins.phase.decoded import Thresholds
-    from fringed_plugins.phase.graycode import Code
     from fringed_plugins.phase.noise import NoiseModel
+    from fringed_plugins.phase.projection.graycode import Code
     from fringed_plugins.phase.shifts import Group
     from fringed_plugins.phase.temporal.gray import decode_gray_fringes
     from fringed_plugins.phase.temporal.graybits import BitFrames

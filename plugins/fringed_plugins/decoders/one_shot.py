@@ -1,6 +1,6 @@
 """Decoders of one exposure whose colours carry three phase steps, or three frequencies.
 
-Owns their parameters; the arithmetic is in `phase.colour` and `phase.one_shot`, imported when first used.
+Owns their parameters; the arithmetic is in `phase.colours`, imported when first used.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from fringed_plugins.decoders.common import (
 from fringed_plugins.decoders.single_frame import SingleFrameParams, frame_limits, frame_noise_model
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.colour import Balance, Colours
+    from fringed_plugins.phase.colours.colour import Balance, Colours
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 
@@ -75,7 +75,7 @@ class OneShotPhaseShiftDecoder:
         DataError
             no shot in three channels, channels that cannot be told apart, or a balance that the set does not allow.
         """
-        from fringed_plugins.phase.colour import three_steps
+        from fringed_plugins.phase.colours.colour import three_steps
 
         frame_set, colours, places = _shot(inputs, self.name, context)
         frames = frame_set.frames[list(places)]
@@ -100,7 +100,7 @@ class OneShotPhaseShiftDecoder:
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
-        from fringed_plugins.phase.colour import Colours, three_steps
+        from fringed_plugins.phase.colours.colour import Colours, three_steps
         from fringed_plugins.phase.decoded import Thresholds
         from fringed_plugins.phase.noise import NoiseModel
 
@@ -152,8 +152,8 @@ class OneShotFrequenciesDecoder:
         DataError
             no shot in three channels, no carrier, or frequencies whose orders cannot be told.
         """
-        from fringed_plugins.phase.colour import noise_of_unmixed, unmix
-        from fringed_plugins.phase.one_shot import Carrier, Filters, three_carriers
+        from fringed_plugins.phase.colours.colour import noise_of_unmixed, unmix
+        from fringed_plugins.phase.colours.one_shot import Carrier, Filters, three_carriers
 
         frame_set, colours, places = _shot(inputs, self.name, context)
         raw = np.stack([_turned(frame_set, index, params.rises) for index in places])
@@ -186,7 +186,7 @@ class OneShotFrequenciesDecoder:
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
-        from fringed_plugins.phase.colour import Colours, unmix
+        from fringed_plugins.phase.colours.colour import Colours, unmix
 
         unmix(np.zeros((3, 8, 8), np.uint8), Colours(np.eye(3)), 1)
 
@@ -228,7 +228,7 @@ def _gains(
     frame_set: FrameSet, frames: Array, colours: Colours, chosen: tuple[Balance, Array | None],
     params: OneShotPhaseShiftDecoder.Params,
 ) -> Float32Array | None:  # fmt: skip
-    from fringed_plugins.phase.colour import balance, carrier_period_px, unmix
+    from fringed_plugins.phase.colours.colour import balance, carrier_period_px, unmix
 
     method, white = chosen
     if method == "none":

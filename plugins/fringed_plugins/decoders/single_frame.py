@@ -18,9 +18,9 @@ from fringed.hookspecs import Params
 from fringed_plugins.decoders.common import full_scale_dn, projector_size_px
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.bands import Band
-    from fringed_plugins.phase.fourier import FrameLimits, SingleFrame
     from fringed_plugins.phase.noise import NoiseModel
+    from fringed_plugins.phase.single_frame.bands import Band
+    from fringed_plugins.phase.single_frame.fourier import FrameLimits, SingleFrame
 
 _ONE = {"units": "1"}
 
@@ -130,7 +130,7 @@ def band_of(fringes: Fringes, frame_set: FrameSet, params: Any) -> Band:
     DataError
         no carrier, or one that cannot be filtered.
     """
-    from fringed_plugins.phase.bands import band_around, find_carrier
+    from fringed_plugins.phase.single_frame.bands import band_around, find_carrier
 
     given = float(params.carrier_period_px)
     try:
@@ -149,7 +149,7 @@ def band_of(fringes: Fringes, frame_set: FrameSet, params: Any) -> Band:
 
 def frame_limits(frame_set: FrameSet, params: SingleFrameParams) -> FrameLimits:
     """Return the limits in the frames' own grey levels."""
-    from fringed_plugins.phase.fourier import FrameLimits
+    from fringed_plugins.phase.single_frame.fourier import FrameLimits
 
     return FrameLimits(
         modulation_dn=params.min_modulation_dn * full_scale_dn(frame_set) / 255,
@@ -161,8 +161,8 @@ def frame_limits(frame_set: FrameSet, params: SingleFrameParams) -> FrameLimits:
 
 def frame_noise_model(frame_set: FrameSet, light: Float32Array) -> NoiseModel:
     """Return the camera's noise model, estimated from the frame itself where the settings do not know it."""
-    from fringed_plugins.phase.fourier import frame_noise
     from fringed_plugins.phase.noise import NoiseModel
+    from fringed_plugins.phase.single_frame.fourier import frame_noise
 
     settings = frame_set.settings
     if settings.electrons_per_dn > 0:

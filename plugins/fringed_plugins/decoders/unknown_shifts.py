@@ -1,6 +1,6 @@
 """Decoder of frames whose phase shifts are not what was asked for.
 
-Owns its parameters and what is said about the shifts; the estimate is in `phase.unknown_shifts`.
+Owns its parameters and what is said about the shifts; the estimate is in `phase.unknown.unknown_shifts`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from fringed_plugins.decoders.common import (
 
 if TYPE_CHECKING:
     from fringed_plugins.phase.shifts import Group
-    from fringed_plugins.phase.unknown_shifts import ShiftEstimate
+    from fringed_plugins.phase.unknown.unknown_shifts import ShiftEstimate
 
 _SIGMAS = 4.0
 
@@ -99,7 +99,7 @@ class UnknownShiftsDecoder:
 
 
 def _estimate(frame_set: FrameSet, asked: Group, pixels: int) -> ShiftEstimate:
-    from fringed_plugins.phase.unknown_shifts import estimated_shifts
+    from fringed_plugins.phase.unknown.unknown_shifts import estimated_shifts
 
     frames = frame_set.frames[list(asked.frames)]
     noise = sensor_noise(frame_set, asked)

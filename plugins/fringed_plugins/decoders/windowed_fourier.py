@@ -1,6 +1,6 @@
 """Windowed Fourier analysis: of one frame with a carrier, or of a phase map whose noise is to go.
 
-Owns its parameters; the filters are in `phase.windowed_fourier`, imported when first used.
+Owns its parameters; the filters are in `phase.single_frame.windowed_fourier`, imported when first used.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from fringed_plugins.decoders.single_frame import (
 )
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.bands import Band
-    from fringed_plugins.phase.fourier import Analytic
-    from fringed_plugins.phase.window_bank import Bank
+    from fringed_plugins.phase.single_frame.bands import Band
+    from fringed_plugins.phase.single_frame.fourier import Analytic
+    from fringed_plugins.phase.single_frame.window_bank import Bank
 
 _TURN = np.float32(2 * np.pi)
 
@@ -109,14 +109,14 @@ class WindowedFourier:
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernel."""
-        from fringed_plugins.phase.window_bank import Bank
-        from fringed_plugins.phase.windowed_fourier import ridges
+        from fringed_plugins.phase.single_frame.window_bank import Bank
+        from fringed_plugins.phase.single_frame.windowed_fourier import ridges
 
         ridges(np.zeros((16, 64), np.float32), Bank((0.2, 0.4), (0.0, 0.0), 4.0), threads=1)
 
 
 def _of_frame(frame_set: FrameSet, params: WindowedFourier.Params, context: Context) -> PhaseMap:
-    from fringed_plugins.phase.fourier import analytic_signal, lit, single_frame
+    from fringed_plugins.phase.single_frame.fourier import analytic_signal, lit, single_frame
 
     fringes = turned(fringes_of(frame_set, 0, params.use_second_frame), params.rises)
     band = band_of(fringes, frame_set, params)
@@ -140,7 +140,7 @@ def _refined(
     rough: Analytic, fringes: Fringes, band: Band, sigma: float, asked: tuple[WindowedFourier.Params, Context]
 ) -> Analytic:
     """Return the fringes anew from the windows; `sigma` is the noise of what they see."""
-    from fringed_plugins.phase.window_bank import Bank
+    from fringed_plugins.phase.single_frame.window_bank import Bank
 
     params, context = asked
     carrier, width = 2 * np.pi * np.array([band.along, band.across]), 2 * np.pi * band.along
@@ -162,8 +162,8 @@ def _windows(
     field: Array, bank: Bank, sigma: float, asked: tuple[WindowedFourier.Params, Context], *, periodic: bool
 ) -> tuple[Array, Any]:
     """Return the complex field that the windows give, and q of its noise."""
-    from fringed_plugins.phase.window_bank import noise_of_coefficients
-    from fringed_plugins.phase.windowed_fourier import filtered, ridges
+    from fringed_plugins.phase.single_frame.window_bank import noise_of_coefficients
+    from fringed_plugins.phase.single_frame.windowed_fourier import filtered, ridges
 
     params, context = asked
     report: Callable[[float], None] = lambda part: context.progress(0.3 + 0.6 * part)  # noqa: E731
@@ -178,7 +178,7 @@ def _windows(
 
 
 def _of_phase(phase: PhaseMap, params: WindowedFourier.Params, context: Context) -> PhaseMap:
-    from fringed_plugins.phase.window_bank import bank_of
+    from fringed_plugins.phase.single_frame.window_bank import bank_of
 
     known = np.isfinite(phase.phase_rad)
     if not known.any():

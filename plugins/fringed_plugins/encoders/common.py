@@ -20,10 +20,10 @@ from fringed.data import Channel, Orientation, PatternFrame, PatternSequence
 from fringed.errors import UsageError
 from fringed.hookspecs import Params, ProjectorTarget
 from fringed_plugins.encoders import drawing
-from fringed_plugins.phase import pattern_rules, patterns, profiles
+from fringed_plugins.phase.projection import pattern_rules, patterns, profiles
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.frequencies import Design
+    from fringed_plugins.phase.projection.frequencies import Design
 
 Grey = Annotated[float, Meta(ge=0, le=255, description="darkest grey level", extra_json_schema={"units": "grey level"})]
 GreyHigh = Annotated[

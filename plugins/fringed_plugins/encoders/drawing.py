@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from fringed.data import Channel, PatternFrame, UInt8Array
-from fringed_plugins.phase import profiles
-from fringed_plugins.phase.patterns import Float64Array, Greys
+from fringed_plugins.phase.projection import profiles
+from fringed_plugins.phase.projection.patterns import Float64Array, Greys
 
 _CHANNELS: dict[Channel, int] = {"red": 0, "green": 1, "blue": 2}
 _MOST_BYTES = 256 * 1024 * 1024
@@ -55,7 +55,7 @@ def _image(frame: PatternFrame, greys: Greys, size_px: tuple[int, int], dither: 
     phase = 2 * np.pi * u / frame.period_px + frame.initial_phase_rad + shift
     light = profiles.profile(frame.style, phase, frame.period_px)
     if frame.style == "binary-dithered":
-        from fringed_plugins.phase import dithering
+        from fringed_plugins.phase.projection import dithering
 
         light = dithering.diffuse(_panel(light, lines), np.array([0.0, 1.0])).astype(np.float64)
     elif dither not in ("none", "quiet"):

@@ -1,6 +1,6 @@
 """Encoder of a single frame with a carrier, for Fourier-transform profilometry.
 
-Owns its parameters; the rules are in `phase.single_frame_rules`.
+Owns its parameters; the rules are in `phase.single_frame.single_frame_rules`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from fringed.data import Channel, Float64Array, PatternFrame, PatternSequence
 from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.lines import COLOURS, Exposure, LineParams, length_px, sequence_of, uniform
-from fringed_plugins.phase import patterns
-from fringed_plugins.phase.single_frame_rules import check_carrier
+from fringed_plugins.phase.projection import patterns
+from fringed_plugins.phase.single_frame.single_frame_rules import check_carrier
 
 
 class FourierEncoder:

@@ -1,6 +1,6 @@
 """Encoders of Gray code, alone and with phase-shifted fringes.
 
-Owns their parameters and the order of their frames; the code is in `phase.graycode`.
+Owns their parameters and the order of their frames; the code is in `phase.projection.graycode`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.common import Fringe, FringeParams, Light, equal_shifts, fringes, length_px
 from fringed_plugins.encoders.drawing import coloured
 from fringed_plugins.encoders.lines import LineParams
-from fringed_plugins.phase import graycode, patterns
+from fringed_plugins.phase.projection import graycode, patterns
 
 _PX = {"units": "px"}
 

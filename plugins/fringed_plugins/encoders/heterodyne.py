@@ -1,6 +1,6 @@
 """Encoder of heterodyne sets: neighbouring frequencies whose beats are long.
 
-Owns its parameters; the rules are in `phase.temporal.sets`, the designs in `phase.frequencies`.
+Owns its parameters; the rules are in `phase.temporal.sets`, the designs in `phase.projection.frequencies`.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class HeterodyneEncoder:
         UsageError
             a combination that cannot be decoded, with the reason and what to use instead.
         """
-        from fringed_plugins.phase.frequencies import design_heterodyne
+        from fringed_plugins.phase.projection.frequencies import design_heterodyne
 
         def chosen(size_px: int) -> tuple[list[float], list[int]]:
             if params.periods == "auto":

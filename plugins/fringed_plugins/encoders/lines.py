@@ -16,7 +16,7 @@ from msgspec import Meta
 from fringed.data import Float64Array, Orientation, PatternFrame, PatternSequence, UInt8Array
 from fringed.errors import UsageError
 from fringed.hookspecs import Params, ProjectorTarget
-from fringed_plugins.phase import patterns
+from fringed_plugins.phase.projection import patterns
 
 COLOURS = ("red", "green", "blue")
 _GREY = {"units": "grey level"}

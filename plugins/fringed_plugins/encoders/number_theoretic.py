@@ -1,6 +1,6 @@
 """Encoder of number-theoretic sets: periods without a common multiple on the projector.
 
-Owns its parameters; the rules are in `phase.temporal.sets`, the designs in `phase.frequencies`.
+Owns its parameters; the rules are in `phase.temporal.sets`, the designs in `phase.projection.frequencies`.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class NumberTheoreticEncoder:
         UsageError
             a combination that cannot be decoded, with the reason and what to use instead.
         """
-        from fringed_plugins.phase.frequencies import design_number_theoretic
+        from fringed_plugins.phase.projection.frequencies import design_number_theoretic
 
         def chosen(size_px: int) -> tuple[list[float], list[int]]:
             if params.periods_px == "auto":

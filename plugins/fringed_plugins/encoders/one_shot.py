@@ -1,6 +1,6 @@
 """Encoders that put three patterns into one exposure, in red, green and blue; and the bars that measure the colours.
 
-Owns their parameters; the rules are in `phase.single_frame_rules`.
+Owns their parameters; the rules are in `phase.single_frame.single_frame_rules`.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from fringed.data import Channel, Orientation, PatternFrame, PatternSequence
 from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.lines import Exposure, GreyParams, LineParams, length_px, sequence_of, uniform
-from fringed_plugins.phase import patterns
-from fringed_plugins.phase.single_frame_rules import check_carriers
+from fringed_plugins.phase.projection import patterns
+from fringed_plugins.phase.single_frame.single_frame_rules import check_carriers
 
 CHANNELS: tuple[Channel, ...] = ("red", "green", "blue")
 _WHITE_FRAME = Annotated[bool, Meta(description="a second exposure, all white: what coloured surfaces need")]

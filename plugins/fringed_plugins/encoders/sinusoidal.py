@@ -28,10 +28,10 @@ from fringed_plugins.encoders.common import (
     length_px,
     shown_snr,
 )
-from fringed_plugins.phase import pattern_rules, patterns
+from fringed_plugins.phase.projection import pattern_rules, patterns
 
 if TYPE_CHECKING:
-    from fringed_plugins.phase.frequencies import Design
+    from fringed_plugins.phase.projection.frequencies import Design
 
 _PX = {"units": "px"}
 InitialPhase = Annotated[
@@ -144,7 +144,7 @@ class MultiFrequencyEncoder:
         UsageError
             a combination that cannot be decoded, with the reason and what to use instead.
         """
-        from fringed_plugins.phase.frequencies import design_hierarchical
+        from fringed_plugins.phase.projection.frequencies import design_hierarchical
 
         def best(length: int, frames: int, _: float) -> Design:
             return design_hierarchical(length, frames, shown_snr(params, params.expected_snr), params.min_period_px)
@@ -170,7 +170,7 @@ class MultiFrequencyEncoder:
 
 def warm_up_dithering() -> None:
     """Compile or load the kernel of error diffusion."""
-    from fringed_plugins.phase.dithering import diffuse
+    from fringed_plugins.phase.projection.dithering import diffuse
 
     diffuse(np.zeros((2, 2)), np.array([0.0, 1.0]))
 

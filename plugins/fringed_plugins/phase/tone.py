@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fringed_plugins.phase.profiles import profile
+from fringed_plugins.phase.projection.profiles import profile
 from fringed_plugins.phase.shifts import Group, transform
 
 _PLACES = 1024

@@ -15,8 +15,8 @@ from fringed.hookspecs import ProjectorTarget
 from fringed.testing import RecordingContext
 from fringed_plugins.decoders.one_shot import OneShotFrequenciesDecoder, OneShotPhaseShiftDecoder
 from fringed_plugins.encoders.one_shot import OneShotFrequenciesEncoder, OneShotPhaseShiftEncoder
-from fringed_plugins.phase.colour import balance
-from fringed_plugins.phase.single_frame_rules import check_carriers, order_margin
+from fringed_plugins.phase.colours.colour import balance
+from fringed_plugins.phase.single_frame.single_frame_rules import check_carriers, order_margin
 
 TARGET = ProjectorTarget(1024, 768)
 HEIGHT, WIDTH = 200, 300

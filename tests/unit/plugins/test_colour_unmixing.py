@@ -15,8 +15,8 @@ from fringed.hookspecs import ProjectorTarget
 from fringed.testing import RecordingContext
 from fringed_plugins.decoders.colour import MeasureCrosstalk
 from fringed_plugins.encoders.one_shot import ColourBarsEncoder
-from fringed_plugins.phase.colour import Colours, noise_of_unmixed, unmix
-from fringed_plugins.phase.crosstalk import checked_condition, measure_crosstalk
+from fringed_plugins.phase.colours.colour import Colours, noise_of_unmixed, unmix
+from fringed_plugins.phase.colours.crosstalk import checked_condition, measure_crosstalk
 from fringed_plugins.phase.noise import NoiseModel
 
 TARGET = ProjectorTarget(256, 192)

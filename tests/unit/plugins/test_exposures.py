@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fringed_plugins.phase import exposures as ex
-from fringed_plugins.phase.exposures import Brightness, SensorModel, Wanted, brightness, suggest_exposures
+from fringed_plugins.phase.exposure import exposures as ex
+from fringed_plugins.phase.exposure.exposures import Brightness, SensorModel, Wanted, brightness, suggest_exposures
 
 SENSOR = SensorModel(2.0, 255.0, 0.14, 1 / 51)
 

@@ -11,8 +11,8 @@ from fringed.errors import DataError, UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.decoders.fourier import FourierDecoder
 from fringed_plugins.encoders.fourier import FourierEncoder
-from fringed_plugins.phase.bands import Band, band_around, find_carrier, noise_gain, smooth
-from fringed_plugins.phase.fourier import analytic_signal, frame_noise
+from fringed_plugins.phase.single_frame.bands import Band, band_around, find_carrier, noise_gain, smooth
+from fringed_plugins.phase.single_frame.fourier import analytic_signal, frame_noise
 
 TARGET = ProjectorTarget(1024, 768)
 HEIGHT, WIDTH = 220, 320

@@ -14,8 +14,8 @@ from fringed.hookspecs import ProjectorTarget
 from fringed.testing import RecordingContext
 from fringed_plugins.decoders.windowed_fourier import WindowedFourier
 from fringed_plugins.encoders.fourier import FourierEncoder
-from fringed_plugins.phase.window_bank import Bank, bank_of, noise_of_coefficients
-from fringed_plugins.phase.windowed_fourier import filtered, ridges
+from fringed_plugins.phase.single_frame.window_bank import Bank, bank_of, noise_of_coefficients
+from fringed_plugins.phase.single_frame.windowed_fourier import filtered, ridges
 
 HEIGHT, WIDTH = 220, 320
 X, Y = np.arange(WIDTH), np.arange(HEIGHT)[:, None]

@@ -13,7 +13,7 @@ from fringed.data import PhaseMap, Reject
 from fringed.errors import DataError
 from fringed.testing import RecordingContext
 from fringed_plugins.decoders.fusion import FuseExposures
-from fringed_plugins.phase.fusion import ExposedMap, FusionLimits, Light, fuse, relative_light
+from fringed_plugins.phase.exposure.fusion import ExposedMap, FusionLimits, Light, fuse, relative_light
 
 SHAPE = (90, 120)
 NONE = np.zeros((0, 0), np.float32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from fringed_plugins.phase import dithering
+from fringed_plugins.phase.projection import dithering
 
 TWO = np.array([0.0, 1.0])
 GAMMA = (np.arange(256) / 255) ** 2.2

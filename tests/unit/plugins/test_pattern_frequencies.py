@@ -7,8 +7,8 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from fringed_plugins.phase import frequency_errors as errors
-from fringed_plugins.phase.frequencies import design_heterodyne, design_hierarchical, design_number_theoretic
+from fringed_plugins.phase.projection import frequency_errors as errors
+from fringed_plugins.phase.projection.frequencies import design_heterodyne, design_hierarchical, design_number_theoretic
 
 DESIGNS = (design_hierarchical, design_heterodyne, design_number_theoretic)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fringed_plugins.phase import profiles
+from fringed_plugins.phase.projection import profiles
 
 
 def series(style, order):

@@ -8,7 +8,7 @@ import pytest
 from fringed.errors import UsageError
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.sinusoidal import MultiFrequencyEncoder, PhaseShiftEncoder
-from fringed_plugins.phase import patterns
+from fringed_plugins.phase.projection import patterns
 
 TARGET = ProjectorTarget(1024, 768)
 GAMMA = (np.arange(256) / 255.0) ** 2.2

@@ -17,7 +17,7 @@ from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.decoders.gray import GrayCodeDecoder, GrayPhaseShiftDecoder
 from fringed_plugins.encoders.gray import GrayCodeEncoder, GrayPhaseShiftEncoder
 from fringed_plugins.encoders.sinusoidal import PhaseShiftEncoder
-from fringed_plugins.phase.graycode import Code, bits_needed, cell_of, line
+from fringed_plugins.phase.projection.graycode import Code, bits_needed, cell_of, line
 
 TARGET = ProjectorTarget(1024, 768)
 

@@ -9,8 +9,8 @@ from fringe_truth import intensities
 from fringed.data import Reject
 from fringed_plugins.phase.decode import decode
 from fringed_plugins.phase.decoded import Thresholds
-from fringed_plugins.phase.graycode import Code, bits_needed, cell_of
 from fringed_plugins.phase.noise import NoiseModel
+from fringed_plugins.phase.projection.graycode import Code, bits_needed, cell_of
 from fringed_plugins.phase.shifts import Group
 from fringed_plugins.phase.temporal.absolute import decode_joint
 from fringed_plugins.phase.temporal.gray import decode_gray_fringes

@@ -13,7 +13,7 @@ from fringed.errors import DataError
 from fringed.testing import RecordingContext
 from fringed_plugins.decoders.unknown_shifts import UnknownShiftsDecoder
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.unknown_shifts import estimated_shifts
+from fringed_plugins.phase.unknown.unknown_shifts import estimated_shifts
 
 HEIGHT, WIDTH = 180, 260
 X, Y = np.arange(WIDTH), np.arange(HEIGHT)[:, None]

@@ -18,8 +18,8 @@ from fringed_plugins.parallel import run_rows
 from fringed_plugins.phase.cleaning import clean
 from fringed_plugins.phase.decode import Keep, readable
 from fringed_plugins.phase.decoded import Decoded, Thresholds
-from fringed_plugins.phase.graycode import Code
 from fringed_plugins.phase.noise import NoiseModel
+from fringed_plugins.phase.projection.graycode import Code
 from fringed_plugins.phase.shifts import Group, style_ripple_rad
 from fringed_plugins.phase.temporal.absolute import judged, search_for, wrapped_phases
 from fringed_plugins.phase.temporal.correction import SURE_SIGMAS, Evidence

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from fringed_plugins.phase.graycode import Code
+from fringed_plugins.phase.projection.graycode import Code
 
 options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 _SOFT_CELLS, _SOFT_PX = 0.05, 2.0  # how exactly the edge of a cell is known: the lesser of both

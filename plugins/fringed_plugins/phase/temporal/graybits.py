@@ -1,6 +1,7 @@
 """Gray code frames to positions: bits with their margins, and the cell or the edge that they mean.
 
-Owns the decision of the bits; `gray` makes fringe orders of the positions. The layout is that of `phase.graycode`.
+Owns the decision of the bits; `gray` makes fringe orders of the positions. The layout is that of
+`phase.projection.graycode`.
 
 A bit is compared with its complement, else with the mean of a white and a black frame, else with the mean light of the
 fringes; its margin is the difference over that difference's noise. Near the edge of a stripe a bit is weak, and its
@@ -19,8 +20,8 @@ import numpy.typing as npt
 from numba import njit
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.phase.graycode import MAX_BITS, Code
 from fringed_plugins.phase.noise import NoiseModel
+from fringed_plugins.phase.projection.graycode import MAX_BITS, Code
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]

@@ -1,7 +1,7 @@
 """Which sets of periods tell every projector column apart, and how surely.
 
-Owns the rules for heterodyne and number-theoretic sets; the error model is in `phase.frequency_errors`, the designs in
-`phase.frequencies`. Knows neither frames nor patterns.
+Owns the rules for heterodyne and number-theoretic sets; the error model is `frequency_errors` of `phase.projection`,
+the designs are `frequencies` there. Knows neither frames nor patterns.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from fringed_plugins.phase import patterns
-from fringed_plugins.phase.frequencies import Design
-from fringed_plugins.phase.frequency_errors import number_theoretic_failure
+from fringed_plugins.phase.projection import patterns
+from fringed_plugins.phase.projection.frequencies import Design
+from fringed_plugins.phase.projection.frequency_errors import number_theoretic_failure
 
 MAX_FAILURE = 1e-6
 _SAME_TURNS = 0.01  # phases that repeat this well are the same in practice: a thirtieth of a grey level's worth

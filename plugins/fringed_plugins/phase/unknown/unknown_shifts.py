@@ -26,7 +26,7 @@ import numpy.typing as npt
 from scipy import optimize
 
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.shift_geometry import DegenerateShifts, aligned, first_guess
+from fringed_plugins.phase.unknown.shift_geometry import DegenerateShifts, aligned, first_guess
 
 Array = npt.NDArray[Any]
 Float64Array = npt.NDArray[np.float64]

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-from fringed_plugins.phase import frequency_errors as errors
-from fringed_plugins.phase import frequency_search as search
-from fringed_plugins.phase.frequency_search import MIN_STEPS, Wanted
+from fringed_plugins.phase.projection import frequency_errors as errors
+from fringed_plugins.phase.projection import frequency_search as search
+from fringed_plugins.phase.projection.frequency_search import MIN_STEPS, Wanted
 
 FAILURE = 1e-6
 MIN_PERIOD_PX = 12.0

@@ -15,8 +15,8 @@ import numpy.typing as npt
 from scipy import fft
 
 from fringed_plugins.parallel import thread_count
-from fringed_plugins.phase.bands import Band, local_mean, noise_gain, smooth
 from fringed_plugins.phase.noise import NoiseModel
+from fringed_plugins.phase.single_frame.bands import Band, local_mean, noise_gain, smooth
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]

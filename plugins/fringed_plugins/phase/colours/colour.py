@@ -19,12 +19,12 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.phase import colour_kernel
-from fringed_plugins.phase.bands import find_carrier, local_mean
-from fringed_plugins.phase.crosstalk import checked_condition
+from fringed_plugins.phase.colours import colour_kernel
+from fringed_plugins.phase.colours.crosstalk import checked_condition
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import transform
+from fringed_plugins.phase.single_frame.bands import find_carrier, local_mean
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]

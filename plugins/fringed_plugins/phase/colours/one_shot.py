@@ -13,12 +13,19 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from fringed_plugins.phase.bands import Band, band_around, find_carrier
 from fringed_plugins.phase.cleaning import clean
 from fringed_plugins.phase.decoded import Decoded, Thresholds
-from fringed_plugins.phase.fourier import RESIDUAL, FrameLimits, SingleFrame, analytic_signal, lit, single_frame
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import Group
+from fringed_plugins.phase.single_frame.bands import Band, band_around, find_carrier
+from fringed_plugins.phase.single_frame.fourier import (
+    RESIDUAL,
+    FrameLimits,
+    SingleFrame,
+    analytic_signal,
+    lit,
+    single_frame,
+)
 from fringed_plugins.phase.temporal.joint import Orders, find_orders, search_of
 
 Array = npt.NDArray[Any]

@@ -96,7 +96,7 @@ def fuse(
     >>> fused.phase_rad.round(2), fused.sigma_rad.round(3)
     (array([[1.06, 1.3 ]], dtype=float32), array([[0.268, 0.6  ]], dtype=float32))
     """
-    from fringed_plugins.phase import fusion_kernel
+    from fringed_plugins.phase.exposure import fusion_kernel
 
     limits = limits or FusionLimits()
     _check(maps)

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, ndimage
 
-from fringed_plugins.phase.triangle_kernel import triangle_mean
+from fringed_plugins.phase.single_frame.triangle_kernel import triangle_mean
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]

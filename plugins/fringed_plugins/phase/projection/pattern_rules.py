@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from fringed_plugins.phase.patterns import MIN_CONTRAST, Greys
-from fringed_plugins.phase.profiles import MIN_PERIOD_PX, TWO_LEVEL, profile
+from fringed_plugins.phase.projection.patterns import MIN_CONTRAST, Greys
+from fringed_plugins.phase.projection.profiles import MIN_PERIOD_PX, TWO_LEVEL, profile
 
 Float64Array = npt.NDArray[np.float64]
 _DEGREE = np.pi / 180

@@ -13,7 +13,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import numpy.typing as npt
 
-from fringed_plugins.phase import frequency_errors as errors
+from fringed_plugins.phase.projection import frequency_errors as errors
 
 Float64Array = npt.NDArray[np.float64]
 MIN_STEPS = 3

@@ -15,7 +15,7 @@ from numba import njit
 from scipy import fft, ndimage
 
 from fringed_plugins.parallel import run_rows
-from fringed_plugins.phase.window_bank import Bank, Plane, spread
+from fringed_plugins.phase.single_frame.window_bank import Bank, Plane, spread
 
 Array = npt.NDArray[Any]
 Float32Array = npt.NDArray[np.float32]

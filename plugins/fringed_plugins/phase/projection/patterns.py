@@ -102,7 +102,7 @@ class Greys:
         if dither == "none":
             above = np.clip(np.searchsorted(light, wanted), 1, len(light) - 1)
             return np.asarray(first + above - (wanted - light[above - 1] < light[above] - wanted), np.uint8)
-        from fringed_plugins.phase import dithering
+        from fringed_plugins.phase.projection import dithering
 
         index = dithering.ordered(wanted, light) if dither == "ordered" else dithering.diffuse(wanted, light)
         return np.asarray(index + first, np.uint8)

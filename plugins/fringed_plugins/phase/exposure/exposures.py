@@ -128,7 +128,7 @@ def suggest_exposures(
     >>> light = Brightness(np.geomspace(0.003, 0.3, 500), np.geomspace(0.0014, 0.14, 500), 1.0, 0.0, 0.0, 10.0)
     >>> suggestion = suggest_exposures(light, sensor, Wanted(snr=20))
     >>> len(suggestion.exposures_us), suggestion.served > 0.99
-    (2, True)
+    (3, True)
     """
     wanted = wanted or Wanted()
     if not light.peak_per_us.size:

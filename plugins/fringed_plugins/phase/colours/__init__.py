@@ -1,0 +1,1 @@
+"""Three frames in the colours of one exposure: crosstalk measured and unmixed. Knows no contract."""

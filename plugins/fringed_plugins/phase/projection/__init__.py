@@ -1,0 +1,1 @@
+"""What is projected: profiles, grey levels, dithering, codes, and which frequencies suit. Knows no contract."""

@@ -1,0 +1,1 @@
+"""Shifts that nobody knows, estimated from the frames. Knows no contract."""
