@@ -22,6 +22,7 @@ from fringed_plugins.phase.level_kernel import (
     next_turns,
     options,
     reasons,
+    unless_finite,
     variance_of,
 )
 
@@ -52,7 +53,7 @@ def write_wrapped(rows: Any, level: Level, limits: Limits, block: Block | None, 
         light, cosine, sine, square, brightest = fit_at(rows, np.uintp(x))
         angle = fast_atan2(sine, cosine)
         modulation2 = cosine * cosine + sine * sine
-        flag = reasons(light, modulation2, square, level, limits)
+        flag = np.int32(reasons(light, modulation2, square, level, limits) | unless_finite(modulation2))
         flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         if block is not None:  # decided when the loop is compiled
             block.turns[x] = angle * PER_TURN
@@ -86,6 +87,7 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Blo
         t = _around(t, limits)
         modulation2 = cosine * cosine + sine * sine
         flag = np.int32(np.int32(state.flags[x]) | reasons(light, modulation2, square, level, limits))
+        flag = np.int32(flag | unless_finite(modulation2))
         flag = np.int32(flag | _outside(t, limits))
         flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
@@ -101,13 +103,14 @@ def last_level(rows: Any, level: Level, state: State, limits: Limits, block: Blo
 
 
 @njit(**options)
-def three_levels(rows: Any, levels: Any, centre_turns: Any, limits: Limits, block: Block, maps: Maps) -> None:
+def three_levels(rows: Any, levels: Any, limits: Limits, block: Block, maps: Maps, sigma: Any) -> None:
     """Take three groups at once and write absolute phase, modulation and mask: `last_level` without a state.
 
-    What a pixel carries stays in the processor's registers, which takes a quarter of the time off.
+    What a pixel carries stays in the processor's registers, which takes a quarter of the time off. With `sigma` the
+    deviation is written too; without it, None, what `block` takes for further maps.
     """
     coarse, middle, fine = rows
-    first, second, third = levels
+    first, second, third, centre_turns = levels
     phase, modulation, rejected = maps
     for x in range(phase.size):
         light, cosine, sine, square, brightest = fit_at(coarse, np.uintp(x))
@@ -117,21 +120,27 @@ def three_levels(rows: Any, levels: Any, centre_turns: Any, limits: Limits, bloc
         light, cosine, sine, square, high = fit_at(middle, np.uintp(x))
         t, misfit = next_turns(cosine, sine, t, second)
         brightest = high if high > brightest else brightest
-        flag = np.int32(flag | reasons(light, cosine * cosine + sine * sine, square, second, limits))
+        modulation2 = cosine * cosine + sine * sine
+        total = coarsest + modulation2
+        flag = np.int32(flag | reasons(light, modulation2, square, second, limits))
         light, cosine, sine, square, high = fit_at(fine, np.uintp(x))
         t, off = next_turns(cosine, sine, t, third)
         t = _around(t, limits)
         brightest = high if high > brightest else brightest
+        misfit = off if off > misfit else misfit
         modulation2 = cosine * cosine + sine * sine
         flag = np.int32(flag | reasons(light, modulation2, square, third, limits))
-        flag = np.int32(flag | _outside(t, limits))
+        flag = np.int32(flag | _outside(t, limits) | unless_finite(total + modulation2))
         flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         flag = np.int32(flag | (_FRINGE_ORDER if misfit > limits.misfit_turns else _NONE))
-        flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
         flag = np.int32(flag | (_DISCONTINUITY if modulation2 < limits.drop2 * coarsest else _NONE))
-        block.turns[x] = t + limits.initial_rad * PER_TURN
         block.background[x] = light
-        block.squares[x] = square
+        if sigma is None:  # decided when the loop is compiled
+            block.turns[x] = t + limits.initial_rad * PER_TURN
+            block.squares[x] = square
+        else:
+            variance = limits.phase_factor * variance_of(light, limits)
+            sigma[x] = np.sqrt(variance / (modulation2 + _TINY)) if flag == _NONE else _NAN
         modulation[x] = np.sqrt(modulation2)
         phase[x] = t * _TWO_PI + limits.initial_rad if flag == _NONE else _NAN
         rejected[x] = np.uint16(flag)

@@ -99,8 +99,13 @@ def reasons(light: Any, modulation2: Any, square: Any, level: Level, limits: Lim
     least = least if least > limits.modulation2 else limits.modulation2
     most = level.misfit_constant + level.misfit_slope * light + level.misfit_part * modulation2
     flag = _LOW_MODULATION if modulation2 < least else _NONE
-    flag = np.int32(flag | (_RESIDUAL if square > most else _NONE))
-    return np.int32(flag | (_NONE if modulation2 < _INFINITE else _OTHER))
+    return np.int32(flag | (_RESIDUAL if square > most else _NONE))
+
+
+@njit(**options)
+def unless_finite(modulation2: Any) -> Any:
+    """Return the reason to drop a pixel whose frames are not finite."""
+    return _NONE if modulation2 < _INFINITE else _OTHER
 
 
 @njit(**options)
@@ -137,6 +142,7 @@ def add_level(rows: Any, level: Level, limits: Limits, state: State, block: Bloc
         fine, off = next_turns(cosine, sine, turns[x], level)
         modulation2 = cosine * cosine + sine * sine
         flag = np.int32(np.int32(flags[x]) | reasons(light, modulation2, square, level, limits))
+        flag = np.int32(flag | unless_finite(modulation2))
         flag = np.int32(flag | (_SATURATED if brightest >= limits.saturation else _NONE))
         flag = np.int32(flag | (_FRINGE_ORDER if off > limits.misfit_turns else _NONE))
         turns[x] = fine
