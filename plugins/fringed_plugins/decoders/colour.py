@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import numpy as np
 from msgspec import Meta
 
-from fringed import __version__
+from fringed import __version__, hookspecs
 from fringed.data import Array, Calibration, FrameSet, PatternSequence, Provenance
 from fringed.errors import DataError
-from fringed.hookspecs import Context, Params
+from fringed.hookspecs import Context
 from fringed_plugins.decoders.common import checked_frames, full_scale_dn
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class MeasureCrosstalk:
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = Calibration
 
-    class Params(Params, frozen=True, kw_only=True):
+    class Params(hookspecs.Params, frozen=True, kw_only=True):
         """Parameters."""
 
         max_additivity: Annotated[

@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from fringed import __version__
+from fringed import __version__, hookspecs
 from fringed.data import Artifact, FrameSet
 from fringed.errors import DataError
-from fringed.hookspecs import Context, Params
+from fringed.hookspecs import Context
 from fringed_plugins.decoders.common import full_scale_dn
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class SuggestExposures:
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = Artifact
 
-    class Params(Params, frozen=True, kw_only=True):
+    class Params(hookspecs.Params, frozen=True, kw_only=True):
         """Parameters."""
 
         snr: Annotated[

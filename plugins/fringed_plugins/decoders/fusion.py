@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from fringed import __version__
+from fringed import __version__, hookspecs
 from fringed.data import PhaseMap
 from fringed.errors import DataError
-from fringed.hookspecs import Context, Params
+from fringed.hookspecs import Context
 
 if TYPE_CHECKING:
     from fringed_plugins.phase.exposure.fusion import ExposedMap, Light
@@ -42,7 +42,7 @@ class FuseExposures:
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = PhaseMap
 
-    class Params(Params, frozen=True, kw_only=True):
+    class Params(hookspecs.Params, frozen=True, kw_only=True):
         """Parameters."""
 
         scales: Annotated[

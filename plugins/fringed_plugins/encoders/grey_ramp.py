@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from fringed import __version__
+from fringed import __version__, hookspecs
 from fringed.data import PatternFrame, PatternSequence
 from fringed.errors import UsageError
-from fringed.hookspecs import Params, ProjectorTarget
+from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.common import Light
 from fringed_plugins.encoders.drawing import coloured
 
@@ -37,7 +37,7 @@ class GreyRampEncoder:
     summary: ClassVar[str] = "uniform pictures of many grey levels, to measure the projector's tone curve"
     decoders: ClassVar[tuple[str, ...]] = ("tone-response",)
 
-    class Params(Params, frozen=True, kw_only=True):
+    class Params(hookspecs.Params, frozen=True, kw_only=True):
         """Parameters."""
 
         levels: Annotated[
