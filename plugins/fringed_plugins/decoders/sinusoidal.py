@@ -156,7 +156,7 @@ class MultiFrequencyDecoder:
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
-        warm_up_kernels()
+        warm_up_kernels(absolute=True)
 
 
 def _groups(sequence: PatternSequence, orientation: str) -> list[Group]:
@@ -219,19 +219,18 @@ def _decode(frame_set: FrameSet, work: Work, context: Context) -> PhaseMap:
     return phase_map_of(decoded, work.kind, work.groups[-1], frame_set)
 
 
-def warm_up_kernels() -> None:
-    """Compile or load the decoding kernels for 8-bit frames: the whole and the streamed, closed forms and sums."""
+def warm_up_kernels(*, absolute: bool = False) -> None:
+    """Compile or load the kernels of a wrapped or an absolute phase for 8-bit frames, streamed or whole."""
     from fringed_plugins.phase.accumulate import Accumulator
     from fringed_plugins.phase.decoded import Thresholds
     from fringed_plugins.phase.noise import NoiseModel
     from fringed_plugins.phase.shifts import Group
 
-    noise, limits = NoiseModel(1.0, 0.0), Thresholds(window_snr=0.0)
     coarse = Group(tuple(range(5)), tuple(np.arange(5) * 2 * np.pi / 5), 8.0)
     fine = Group(tuple(range(5, 9)), tuple(np.arange(4) * np.pi / 2), 2.0)
-    frame = np.zeros((8, 8), np.uint8)
-    for groups, size_px in (((coarse,), None), ((coarse, fine), 8)):
-        sums = Accumulator((8, 8), np.uint8, groups, limits, size_px, noise=noise, threads=1)
-        for index in range(9):
-            sums.add(index, frame)
-        sums.finish()
+    groups, size_px = ((coarse, fine), 8) if absolute else ((coarse,), None)
+    limits, noise = Thresholds(window_snr=0.0), NoiseModel(1.0, 0.0)
+    sums = Accumulator((8, 8), np.uint8, groups, limits, size_px, noise=noise, threads=1)
+    for index in range(9):
+        sums.add(index, np.zeros((8, 8), np.uint8))
+    sums.finish()

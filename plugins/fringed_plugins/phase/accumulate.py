@@ -19,7 +19,7 @@ from fringed_plugins.phase.decode_kernel import Job, Part
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.level_kernel import BLOCK_PX
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.shifts import LANES, Group, closed_form, transform
+from fringed_plugins.phase.shifts import LANES, Group, form_in_use, transform
 from fringed_plugins.phase.sums import fold_blocks
 
 Array = npt.NDArray[Any]
@@ -37,9 +37,9 @@ class GroupFrames:
     def __init__(
         self, group: Group, shape: tuple[int, int], kind: np.dtype[Any], *, absolute: bool, threads: int
     ) -> None:
-        closed = closed_form(group.shifts_rad)
-        self.closed = closed is not None and (absolute or closed[1] == 0)
-        order = closed[0] if closed is not None and self.closed else range(len(group.frames))
+        closed = form_in_use(group.shifts_rad, absolute=absolute)
+        self.closed = closed is not None
+        order = closed[0] if closed is not None else range(len(group.frames))
         self._rank = {group.frames[i]: rank for rank, i in enumerate(order)}
         self._weights = transform(group.shifts_rad)[:3]
         self._missing = set(group.frames)

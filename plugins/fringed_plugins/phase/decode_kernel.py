@@ -177,8 +177,6 @@ def _add(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> Non
         add_level((v[i[0]], v[i[1]], v[i[2]]), level, limits, state, block)
     elif form == 4:
         add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), level, limits, state, block)
-    elif form == 6:
-        add_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), level, limits, state, block)
     else:
         add_level(sums, level, limits, state, block)
 
@@ -191,8 +189,6 @@ def _finish(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> 
         last_level((v[i[0]], v[i[1]], v[i[2]]), level, state, limits, block, maps)
     elif form == 4:
         last_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]]), level, state, limits, block, maps)
-    elif form == 6:
-        last_level((v[i[0]], v[i[1]], v[i[2]], v[i[3]], v[i[4]], v[i[5]]), level, state, limits, block, maps)
     else:
         last_level(sums, level, state, limits, block, maps)
 

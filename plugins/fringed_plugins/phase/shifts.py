@@ -88,6 +88,18 @@ def phase_variance_factor(shifts_rad: Sequence[float]) -> float:
     return float((rows[1] @ rows[1] + rows[2] @ rows[2]) / 2)
 
 
+def form_in_use(shifts_rad: Sequence[float], *, absolute: bool) -> tuple[tuple[int, ...], float] | None:
+    """Return the closed form that the kernels have for these shifts, or None where frames are summed.
+
+    A wrapped phase takes one only where nothing has to be subtracted from it; levels of an absolute phase do without
+    that of six frames, which would be one more loop to compile.
+    """
+    closed = closed_form(shifts_rad)
+    if closed is None or (absolute and len(shifts_rad) > 4) or (not absolute and closed[1] != 0):
+        return None
+    return closed
+
+
 def closed_form(shifts_rad: Sequence[float]) -> tuple[tuple[int, ...], float] | None:
     """Return the order of the frames, and what to subtract from the phase, that make `shifts_rad` 2 pi k / n.
 
@@ -111,10 +123,7 @@ def closed_form(shifts_rad: Sequence[float]) -> tuple[tuple[int, ...], float] | 
 
 
 def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool = True) -> Plan:
-    """Lay the groups' matrices out for the kernel; `groups` run from coarse to fine.
-
-    A wrapped phase takes a closed form only where nothing has to be subtracted from it.
-    """
+    """Lay the groups' matrices out for the kernel; `groups` run from coarse to fine."""
     counts = [len(group.frames) for group in groups]
     chunks = [-(-count // LANES) for count in counts]
     place = np.zeros((len(groups), max(max(chunks) * LANES, *FORMS)), np.int64)
@@ -124,8 +133,8 @@ def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool =
     for g, (group, count) in enumerate(zip(groups, counts, strict=True)):
         place[g], weights[g, : chunks[g]] = group.frames[0], chunk_weights(group.shifts_rad)
         place[g, :count] = group.frames
-        closed = closed_form(group.shifts_rad)
-        if closed is not None and (absolute or closed[1] == 0):
+        closed = form_in_use(group.shifts_rad, absolute=absolute)
+        if closed is not None:
             form[g], place[g, :count] = count, np.array(group.frames)[list(closed[0])]
             initial[g] += closed[1]
     periods = np.array([group.period_px for group in groups])
