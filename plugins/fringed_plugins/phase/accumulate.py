@@ -19,7 +19,7 @@ from fringed_plugins.phase.decode_kernel import Job, Part
 from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.level_kernel import BLOCK_PX
 from fringed_plugins.phase.noise import NoiseModel
-from fringed_plugins.phase.shifts import LANES, Group, form_in_use, transform
+from fringed_plugins.phase.shifts import LANES, PLACES, Group, form_in_use, transform
 from fringed_plugins.phase.sums import fold_blocks
 
 Array = npt.NDArray[Any]
@@ -193,11 +193,11 @@ class Accumulator:
         """Take group `g` into the state, or the finest one into the maps."""
         layout, limits = prepare(self._groups, noise, self._thresholds, self._size_px)
         part = self._parts[g]
-        place = layout.place.copy()
-        place[g] = np.arange(place.shape[1])
+        frames = layout.frames.copy()
+        frames[g, PLACES:] = np.arange(frames.shape[1] - PLACES)
         finest = g == len(self._groups) - 1
         step = Part(g, g + 1, finishes=finest, kept=len(self._groups) > 1, summed=not part.closed)
         job = Job(step, self._state, part.sums, limits, out)
         stack = part.frames.view()
         stack.flags.writeable = False
-        run(stack, layout._replace(place=place), job, self._size_px is not None, self._threads)
+        run(stack, layout._replace(frames=frames), job, self._size_px is not None, self._threads)

@@ -22,6 +22,7 @@ from fringed_plugins.phase.decoded import Decoded, Thresholds
 from fringed_plugins.phase.level_kernel import BLOCK_PX, Limits, State
 from fringed_plugins.phase.noise import NoiseModel
 from fringed_plugins.phase.shifts import (
+    MISFIT,
     Group,
     Plan,
     degrees_of_freedom,
@@ -207,8 +208,8 @@ def prepare(
     }
     limits = Limits(**{name: np.float32(n) for name, n in numbers.items()})
     layout = plan(groups, centre, absolute=size_px is not None)
-    misfit = [_largest_misfit(group, noise, thresholds) for group in groups]
-    return layout._replace(misfit=np.array(misfit, np.float32)), limits
+    layout.numbers[:, MISFIT:] = [_largest_misfit(group, noise, thresholds) for group in groups]
+    return layout, limits
 
 
 def _largest_misfit(group: Group, noise: NoiseModel, thresholds: Thresholds) -> tuple[float, float, float]:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from fringed_plugins.compiled import kept
-from fringed_plugins.phase import arctangent, closed_forms, finish_kernel, level_kernel
+from fringed_plugins.phase import arctangent, closed_forms, finish_kernel, level_kernel, shifts
 from fringed_plugins.phase import sums as sums_module
 from fringed_plugins.phase.closed_forms import Sums
 from fringed_plugins.phase.finish_kernel import (
@@ -38,9 +38,10 @@ from fringed_plugins.phase.level_kernel import (
     copy_pixels,
     options,
 )
+from fringed_plugins.phase.shifts import CHUNKS, COUNTS, FORM, INITIAL, MISFIT, PLACES, RATIO, VARIANCE
 from fringed_plugins.phase.sums import begin_sums, fold, new_sums, sums_between
 
-_CALLED = (arctangent, closed_forms, finish_kernel, level_kernel, sums_module)
+_CALLED = (arctangent, closed_forms, finish_kernel, level_kernel, shifts, sums_module)
 
 
 class Part(NamedTuple):
@@ -87,11 +88,11 @@ def _new_block() -> Block:
 
 
 @njit(**options)
-def _add_up(frames: Any, place: Any, chunks: int, weights: Any, sums: Sums) -> None:
+def _add_up(frames: Any, places: Any, weights: Any, sums: Sums) -> None:
     """Add up all frames (n, count) of a group."""
-    begin_sums(frames[place[0]], sums)
-    for q in range(chunks):
-        i = place[4 * q : 4 * q + 4]
+    begin_sums(frames[places[0]], sums)
+    for q in range(weights.shape[0]):
+        i = places[4 * q : 4 * q + 4]
         fold((frames[i[0]], frames[i[1]], frames[i[2]], frames[i[3]]), weights[q], sums)
 
 
@@ -111,16 +112,11 @@ def _write_further(a: int, b: int, limits: Limits, block: Block, margin: Any, ou
 
 
 @njit(**options)
-def _level(plan: Any, g: int) -> Level:
+def _level(n: Any) -> Level:
+    """Return a row of a plan's numbers as a level."""
     return Level(
-        plan.initial_turns[g],
-        plan.ratio[g],
-        plan.counts[g],
-        plan.variance[g],
-        plan.misfit[g, 0],
-        plan.misfit[g, 1],
-        plan.misfit[g, 2],
-    )
+        n[INITIAL], n[RATIO], n[COUNTS], n[VARIANCE], n[MISFIT], n[MISFIT + 1], n[MISFIT + 2]
+    )  # fmt: skip
 
 
 @njit(**options)
@@ -141,7 +137,7 @@ def _wrapped(form: int, v: Any, i: Any, sums: Sums, tools: Any) -> None:
 def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> None:
     """Decode the only group of blocks `start` to `stop` of `frames` (n, pixels) into the maps of `job`."""
     part, _, kept_sums, limits, out = job
-    form, i, level, block = plan.form[0], plan.place[0], _level(plan, 0), _new_block()
+    form, i, level, block = plan.frames[0, FORM], plan.frames[0, PLACES:], _level(plan.numbers[0]), _new_block()
     sums = new_sums(frames, 1 if part.summed or form > 0 else BLOCK_PX, plan.normal[0])
     lean = out.background.size + out.sigma_rad.size + out.wrapped_rad.size + out.residual.size == 0
     for number in range(start, stop):
@@ -151,7 +147,7 @@ def wrapped_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> N
         if part.summed:
             sums = sums_between(kept_sums, a, b, plan.normal[0])
         elif form == 0:
-            _add_up(v, i, plan.chunks[0], plan.weights[0], sums)
+            _add_up(v, i, plan.weights[0, : plan.frames[0, CHUNKS]], sums)
         if lean:
             _wrapped(form, v, i, sums, (level, limits, None, maps))
         else:
@@ -194,52 +190,46 @@ def _finish(form: int, v: Any, i: Any, sums: Sums, level: Level, tools: Any) -> 
 
 
 @njit(**options)
-def _three_fours(v: Any, plan: Any, span: Any, job: Job, block: Block, maps: Maps) -> None:
+def _three_fours(v: Any, plan: Any, limits: Limits, block: Block, maps: Maps, sigma: Any) -> None:
     """Decode three groups of four frames in one loop: the set that is the most used by far."""
-    i, out, limits = plan.place, job.out, job.limits
-    a, b = span
+    i = plan.frames[:, PLACES:]
     rows = (
         (v[i[0, 0]], v[i[0, 1]], v[i[0, 2]], v[i[0, 3]]),
         (v[i[1, 0]], v[i[1, 1]], v[i[1, 2]], v[i[1, 3]]),
         (v[i[2, 0]], v[i[2, 1]], v[i[2, 2]], v[i[2, 3]]),
     )
-    levels = (_level(plan, 0), _level(plan, 1), _level(plan, 2), plan.centre_turns)
+    levels = (_level(plan.numbers[0]), _level(plan.numbers[1]), _level(plan.numbers[2]), plan.centre_turns)
+    three_levels(rows, levels, limits, block, maps, sigma)
+
+
+@njit(**options)
+def _all_of(v: Any, plan: Any, limits: Limits, block: Block, maps: Maps, span: Any) -> None:
+    """Decode three groups of four frames with all that is wanted of pixels `a` to `b`."""
+    a, b, margin, out = span
     if out.sigma_rad.size > 0 and out.wrapped_rad.size + out.residual.size == 0:
-        three_levels(rows, levels, limits, block, maps, out.sigma_rad[a:b])
+        _three_fours(v, plan, limits, block, maps, out.sigma_rad[a:b])
         if out.background.size > 0:
             copy_pixels(block.background, out.background[a:b])
     else:
-        three_levels(rows, levels, limits, block, maps, None)
-        _write_further(a, b, limits, block, block.off, out)
+        _three_fours(v, plan, limits, block, maps, None)
+        _write_further(a, b, limits, block, margin, out)
 
 
 @njit(**options)
-def _group_sums(v: Any, plan: Any, g: int, kept_sums: Sums, scratch: Sums, span: Any) -> Sums:
-    """Return a group's sums of a block: those that are there, or its frames' where there is no closed form."""
-    summed, a, b = span
-    sums: Sums = scratch
-    if summed:
-        sums = sums_between(kept_sums, a, b, plan.normal[g])
-    elif plan.form[g] == 0:
-        sums = sums_between(scratch, 0, b - a, plan.normal[g])
-        _add_up(v, plan.place[g], plan.chunks[g], plan.weights[g], sums)
-    return sums
-
-
-@njit(**options)
-def _in_turn(v: Any, plan: Any, job: Job, state: State, tools: Any) -> None:
-    """Take the part's groups one after the other."""
-    part, limits = job.part, job.limits
-    block, scratch, maps, span = tools
+def _in_turn(v: Any, plan: Any, part: Part, state: State, sums: Sums, tools: Any) -> None:
+    """Take the part's groups one after the other; `sums` are those of the block, or room for them."""
+    limits, block, maps = tools
     if part.first == 0:
         begin_state(state, plan.centre_turns)
     for g in range(part.first, part.last):
-        level = _level(plan, g)
-        sums = _group_sums(v, plan, g, job.sums, scratch, span)
+        level, form, i = _level(plan.numbers[g]), plan.frames[g, FORM], plan.frames[g, PLACES:]
+        here = sums_between(sums, 0, v.shape[1], plan.normal[g])
+        if form == 0 and not part.summed:
+            _add_up(v, i, plan.weights[g, : plan.frames[g, CHUNKS]], here)
         if part.finishes and g == part.last - 1:
-            _finish(plan.form[g], v, plan.place[g], sums, level, (state, block, limits, maps))
+            _finish(form, v, i, here, level, (state, block, limits, maps))
         else:
-            _add(plan.form[g], v, plan.place[g], sums, level, (limits, state, block))
+            _add(form, v, i, here, level, (limits, state, block))
             if g == 0:
                 copy_pixels(block.square, state.coarsest)
         _margin(g, level, limits, state, block)
@@ -251,21 +241,22 @@ def absolute_blocks(start: int, stop: int, frames: Any, plan: Any, job: Job) -> 
 
     Groups before the part's first one are in the job's state already, which then is that of all pixels.
     """
-    part, kept_state, _, limits, out = job
-    block = _new_block()
+    part, kept_state, kept_sums, limits, out = job
+    block, forms = _new_block(), plan.frames[:, FORM]
     whole = new_state(1 if part.kept else BLOCK_PX, out.confidence.size > 0)
     scratch = new_sums(frames, 1 if part.summed else BLOCK_PX, plan.normal[0])
     three_fours = part.finishes and part.last - part.first == 3 and out.confidence.size == 0
-    three_fours = three_fours and plan.form[0] == 4 and plan.form[1] == 4 and plan.form[2] == 4
+    three_fours = three_fours and forms[0] == 4 and forms[1] == 4 and forms[2] == 4
     for number in range(start, stop):
         a, b = number * BLOCK_PX, min((number + 1) * BLOCK_PX, frames.shape[1])
         v = frames[:, a:b]
-        state = _state_between(kept_state, a, b) if part.kept else _state_between(whole, 0, b - a)
         m = b if part.finishes else a  # a part that is not the last has no maps
         maps = Maps(out.phase_rad[a:m], out.modulation[a:m], out.rejected[a:m])
         if three_fours:
-            _three_fours(v, plan, (a, b), job, block, maps)
+            _all_of(v, plan, limits, block, maps, (a, b, block.off, out))
             continue
-        _in_turn(v, plan, job, state, (block, scratch, maps, (part.summed, a, b)))
+        state = _state_between(kept_state, a, b) if part.kept else _state_between(whole, 0, b - a)
+        sums = sums_between(kept_sums, a, b, plan.normal[0]) if part.summed else scratch
+        _in_turn(v, plan, part, state, sums, (limits, block, maps))
         if part.finishes:
             _write_further(a, b, limits, block, state.margin, out)

@@ -37,19 +37,21 @@ class Group:
 
 
 class Plan(NamedTuple):
-    """What the kernel needs of the groups, coarse to fine."""
+    """What the kernel needs of the groups, coarse to fine; few arrays, for every one takes time to hand over."""
 
-    form: npt.NDArray[np.int64]  # (groups,) number of frames where the closed form holds, otherwise 0
-    place: npt.NDArray[np.int64]  # (groups, frames padded to LANES); in the closed form's order where there is one
-    chunks: npt.NDArray[np.int64]  # (groups,)
+    frames: npt.NDArray[np.int64]  # (groups, 2 + n): FORM, CHUNKS, then places in the stack, in the form's order
+    numbers: Float32Array  # (groups, 7): INITIAL ... MISFIT + 2
     weights: Float32Array  # (groups, chunks, 3, LANES): background, cosine, sine of frames less the first
     normal: Float32Array  # (groups, 6): what of the squares the fit explains, see `closed_forms.Sums`
-    initial_turns: Float32Array  # (groups,) to subtract from what the form gives
-    ratio: Float32Array  # (groups,) period of the group before over this one's
-    counts: Float32Array  # (groups,) 0 for the first, otherwise 1
-    variance: Float32Array  # (groups,) of the turns, times squared modulation, for a frame's variance of 1
     centre_turns: np.float32  # middle of the turn in which the coarsest phase lies
-    misfit: Float32Array  # (groups, 3) largest sum of squared residuals: constant, per background, per modulation^2
+
+
+# Columns of a plan's frames: number of frames where the closed form holds, otherwise 0; number of LANES; places.
+FORM, CHUNKS, PLACES = 0, 1, 2
+# Columns of its numbers: turns to subtract from what the form gives; period of the group before over this one's; 0
+# for the first group, otherwise 1; variance of the turns, times squared modulation, for a frame's variance of 1;
+# largest sum of squared residuals: constant, per background, per squared modulation.
+INITIAL, RATIO, COUNTS, VARIANCE, MISFIT = 0, 1, 2, 3, 4
 
 
 def transform(shifts_rad: Sequence[float]) -> npt.NDArray[np.float64]:
@@ -124,34 +126,24 @@ def closed_form(shifts_rad: Sequence[float]) -> tuple[tuple[int, ...], float] | 
 
 def plan(groups: Sequence[Group], centre_turns: float = 0.0, *, absolute: bool = True) -> Plan:
     """Lay the groups' matrices out for the kernel; `groups` run from coarse to fine."""
-    counts = [len(group.frames) for group in groups]
-    chunks = [-(-count // LANES) for count in counts]
-    place = np.zeros((len(groups), max(max(chunks) * LANES, *FORMS)), np.int64)
+    chunks = [-(-len(group.frames) // LANES) for group in groups]
+    frames = np.zeros((len(groups), PLACES + max(max(chunks) * LANES, *FORMS)), np.int64)
     weights = np.zeros((len(groups), max(chunks), 3, LANES), np.float32)
-    initial = np.array([group.initial_rad for group in groups])
-    form = np.zeros(len(groups), np.int64)
-    for g, (group, count) in enumerate(zip(groups, counts, strict=True)):
-        place[g], weights[g, : chunks[g]] = group.frames[0], chunk_weights(group.shifts_rad)
-        place[g, :count] = group.frames
+    numbers = np.full((len(groups), MISFIT + 3), np.inf)
+    before = groups[0].period_px
+    for g, group in enumerate(groups):
         closed = form_in_use(group.shifts_rad, absolute=absolute)
-        if closed is not None:
-            form[g], place[g, :count] = count, np.array(group.frames)[list(closed[0])]
-            initial[g] += closed[1]
-    periods = np.array([group.period_px for group in groups])
-    variance = np.array([phase_variance_factor(group.shifts_rad) for group in groups]) / (2 * np.pi) ** 2
-    return Plan(
-        form=form,
-        place=place,
-        chunks=np.array(chunks, np.int64),
-        weights=weights,
-        normal=np.array([_normal(group.shifts_rad) for group in groups], np.float32),
-        initial_turns=(initial / (2 * np.pi)).astype(np.float32),
-        ratio=np.concatenate([[1.0], periods[:-1] / periods[1:]]).astype(np.float32),
-        counts=np.minimum(np.arange(len(groups)), 1).astype(np.float32),
-        variance=variance.astype(np.float32),
-        centre_turns=np.float32(centre_turns),
-        misfit=np.full((len(groups), 3), np.inf, np.float32),
-    )
+        order, offset = closed if closed is not None else (range(len(group.frames)), 0.0)
+        frames[g, :PLACES] = 0 if closed is None else len(group.frames), chunks[g]
+        frames[g, PLACES:] = group.frames[0]
+        frames[g, PLACES : PLACES + len(group.frames)] = np.array(group.frames)[list(order)]
+        weights[g, : chunks[g]] = chunk_weights(group.shifts_rad)
+        variance = phase_variance_factor(group.shifts_rad) / (2 * np.pi) ** 2
+        initial = (group.initial_rad + offset) / (2 * np.pi)
+        numbers[g, :MISFIT] = initial, before / group.period_px, min(g, 1), variance
+        before = group.period_px
+    normal = np.array([_normal(group.shifts_rad) for group in groups], np.float32)
+    return Plan(frames, numbers.astype(np.float32), weights, normal, np.float32(centre_turns))
 
 
 def chunk_weights(shifts_rad: Sequence[float]) -> Float32Array:
