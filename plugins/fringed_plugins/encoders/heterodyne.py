@@ -73,28 +73,20 @@ class HeterodyneEncoder:
         """
         from fringed_plugins.phase.projection.frequencies import design_heterodyne
 
-        def chosen(size_px: int) -> tuple[list[float], list[int]]:
-            if params.periods == "auto":
-                design = design_heterodyne(size_px, params.frames, params.expected_snr)
-                return [size_px / n for n in design.periods], list(design.steps)
-            return [size_px / n for n in params.periods], listed(params.steps, len(params.periods))
+        def given(size_px: int) -> list[float] | None:
+            return None if params.periods == "auto" else [size_px / n for n in params.periods]
 
-        return joint_fringes(self, params, target, chosen, design_heterodyne)
-
-
-def listed(steps: int | list[int], count: int) -> list[int]:
-    """Return one number of steps for each of `count` periods."""
-    return [steps] * count if isinstance(steps, int) else list(steps)
+        return joint_fringes(self, params, target, given, design_heterodyne)
 
 
 def joint_fringes(
     encoder: Named,
     params: Any,
     target: ProjectorTarget,
-    chosen: Callable[[int], tuple[list[float], list[int]]],
+    given: Callable[[int], list[float] | None],
     designer: Any,
 ) -> PatternSequence:
-    """Return the fringes that `chosen` gives for a length: periods (px), long to short, and their steps.
+    """Return fringes of the periods (px), long to short, that `given` has for a length; None: those of `designer`.
 
     Raises
     ------
@@ -105,11 +97,15 @@ def joint_fringes(
 
     def wanted(orientation: Orientation) -> list[Fringe]:
         size_px = length_px(target, orientation)
-        periods_px, steps = chosen(size_px)
+        periods_px, steps = given(size_px), params.steps
+        if periods_px is None:
+            design = designer(size_px, params.frames, params.expected_snr)
+            periods_px, steps = [size_px / n for n in design.periods], list(design.steps)
+        steps = [steps] * len(periods_px) if isinstance(steps, int) else list(steps)
         check_set(size_px, periods_px, steps, params.expected_snr, designer)
         return [Fringe(period, equal_shifts(count)) for period, count in zip(periods_px, steps, strict=True)]
 
-    auto = "auto" in (getattr(params, "periods", None), getattr(params, "periods_px", None))
+    auto = given(target.width_px) is None
     try:
         notes = design_notes(designer, params, target) if auto else None
     except ValueError as error:

@@ -13,7 +13,7 @@ from fringed import __version__
 from fringed.data import PatternSequence
 from fringed.hookspecs import ProjectorTarget
 from fringed_plugins.encoders.common import FringeParams
-from fringed_plugins.encoders.heterodyne import AutoFrames, Snr, Steps, joint_fringes, listed
+from fringed_plugins.encoders.heterodyne import AutoFrames, Snr, Steps, joint_fringes
 
 
 class NumberTheoreticEncoder:
@@ -57,10 +57,7 @@ class NumberTheoreticEncoder:
         """
         from fringed_plugins.phase.projection.frequencies import design_number_theoretic
 
-        def chosen(size_px: int) -> tuple[list[float], list[int]]:
-            if params.periods_px == "auto":
-                design = design_number_theoretic(size_px, params.frames, params.expected_snr)
-                return [size_px / n for n in design.periods], list(design.steps)
-            return list(params.periods_px), listed(params.steps, len(params.periods_px))
+        def given(_: int) -> list[float] | None:
+            return None if params.periods_px == "auto" else list(params.periods_px)
 
-        return joint_fringes(self, params, target, chosen, design_number_theoretic)
+        return joint_fringes(self, params, target, given, design_number_theoretic)
