@@ -24,8 +24,12 @@ def test_exposure_is_suggested_drawn_and_leads_to_a_scan_that_passes(station_run
     assert picture.stat().st_size > 5000
     assert found["enough"] and found["served"] > 0.98
     assert len(found["measured_us"]) == 3 and sum(found["histogram"]["pixels"]) > 1000
-    # A white plane needs 8,333 us for 80 % of full scale; the face is darker.
-    assert 4000 < found["exposures_us"][-1] < 60000
+    # A white plane needs 8,333 us for 80 % of full scale, 10,400 us for all of it; the brightest skin is a bit darker.
+    full_scale_us = found["quantiles_us"]
+    assert 10400 < full_scale_us["0.99"] < 1.5 * 10400
+    # The shortest exposure spares the brightest pixels, the longest is no longer than what saturates the darkest.
+    assert found["exposures_us"][0] < full_scale_us["0.99"]
+    assert found["exposures_us"][0] <= found["exposures_us"][-1] < full_scale_us["0.01"]
     command = found["next"].split()
     assert command[:2] == ["fringe", "scan"]
     scanned = json.loads(fringe(*command[1:], "--json", runtime=station_runtime))
