@@ -36,7 +36,10 @@ TOPIC_FRAME_SET = "frameset"
 TOPIC_PRODUCT = "product"
 TOPICS = (TOPIC_STATE, TOPIC_EVENT, TOPIC_PREVIEW, TOPIC_FRAME_SET, *(
     f"{TOPIC_PRODUCT}/{name}"
-    for name in ("phase-map", "calibration", "range-image", "registration", "model", "truth", "mesh", "artifact")
+    for name in (
+        "phase-map", "board-view", "calibration", "verification", "range-image", "registration", "model", "truth",
+        "mesh", "artifact",
+    )
 ))  # fmt: skip
 
 Buffer = Any  # bytes, bytearray, memoryview, zmq.Frame or an array: whatever exports a buffer

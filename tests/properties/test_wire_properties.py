@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from fringed.data import FrameSet, PatternFrame, PatternSequence, PhaseErrorTable, PhaseMap, RangeImage
+from fringed.data import FrameSet, PatternFrame, PatternSequence, PhaseErrorTable, PhaseMap, PixelModel, RangeImage
 from fringed.errors import DataError, VersionMismatch, WireError
 from fringed.messages import Pixels, Reply, Request
 from fringed.wire import DTYPES, KINDS, checksum, decode, encode, peek, prepare
@@ -60,6 +60,8 @@ def of_hint(hint: Any) -> st.SearchStrategy[Any]:
         return any_array if scalar is Any else arrays.arrays(scalar, st.just((4, 4)))
     if origin is Literal:
         return st.sampled_from(args)
+    if origin is tuple and Ellipsis not in args:
+        return st.tuples(*map(of_hint, args))
     if origin is tuple:
         return st.lists(of_hint(args[0]), max_size=2).map(tuple)
     if origin is Union or type(hint).__name__ == "UnionType":
@@ -80,10 +82,12 @@ def of_class(cls: Any) -> st.SearchStrategy[Any]:
     return st.builds(cls, **{field.name: of_hint(hints[field.name]) for field in dataclasses.fields(cls)})
 
 
-def with_arrays(cls: Any, shapes: dict[str, tuple[int, ...]]) -> st.SearchStrategy[Any]:
+def with_arrays(cls: Any, shapes: dict[str, tuple[int, ...]], fixed: dict[str, Any]) -> st.SearchStrategy[Any]:
     hints = get_type_hints(cls)
 
     def strategy(name: str) -> st.SearchStrategy[Any]:
+        if name in fixed:
+            return st.just(fixed[name])
         if name not in shapes:
             return of_hint(hints[name])
         alias = next(h for h in (hints[name], *get_args(hints[name])) if get_origin(h) is np.ndarray)
@@ -114,8 +118,8 @@ def frame_sets() -> st.SearchStrategy[Any]:
     return st.builds(FrameSet, frames=frames, sequence=sequences(), stamps=stamps, **rest)
 
 
-def shaped(name: str, shapes: dict[str, tuple[int, ...]]) -> Any:
-    return lambda: with_arrays(KINDS.get(name) or LENS, shapes)
+def shaped(name: str, shapes: dict[str, tuple[int, ...]], **fixed: Any) -> Any:
+    return lambda: with_arrays(KINDS.get(name) or LENS, shapes, fixed)
 
 
 LENS = get_type_hints(KINDS["Calibration"])["camera"]
@@ -129,7 +133,37 @@ SHAPED: dict[Any, Any] = {
     ),
     KINDS["Calibration"]: shaped(
         "Calibration",
-        {"T_projector_camera": (4, 4), "reference_plane": (4,), "tone_curve": (256,), "crosstalk": (3, 3)},
+        {
+            "T_projector_camera": (4, 4),
+            "reference_plane": (4,),
+            "tone_curve": (256,),
+            "crosstalk": (3, 3),
+            "covariance": (2, 2),
+        },
+        parameters=("camera.fx", "camera.fy"),
+        model="stereo",
+    ),
+    KINDS["BoardView"]: shaped(
+        "BoardView",
+        {
+            "index": (3,),
+            "camera_px": (3, 2),
+            "camera_sigma_px": (3,),
+            "ellipses": (3, 5),
+            "projector_px": (3, 2),
+            "projector_sigma_px": (3, 2),
+            "projector_jacobian": (3, 2, 2),
+            "picture": (2, 4),
+        },
+    ),
+    PixelModel: lambda: st.builds(
+        PixelModel,
+        coefficients=arrays.arrays(np.float32, (3, 2, 2)),
+        form=st.just("rational"),
+        orientation=st.just("rows"),
+        period_px=st.floats(),
+        initial_phase_rad=st.floats(),
+        z_range_mm=st.tuples(st.floats(), st.floats()),
     ),
     PhaseMap: shaped("PhaseMap", images(PHASE_IMAGES)),
     RangeImage: shaped("RangeImage", images("rejected intensity sigma_mm", xyz_mm=(3, 2, 3))),

@@ -15,10 +15,10 @@ from fringed.data import (
     CameraSettings,
     CheckReport,
     FrameStamp,
+    Frozen,
     PatternSequence,
     Provenance,
     Role,
-    _Frozen,
 )
 from fringed.messages.work import StageCall
 
@@ -44,7 +44,7 @@ class FeedBegin:
 
 
 @dataclass(frozen=True)
-class FeedFrame(_Frozen):
+class FeedFrame(Frozen):
     """Frame `index` of a feed, `(height, width)`."""
 
     feed: str

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from fringed.data import Array, UInt8Array, _Frozen
+from fringed.data import Array, Frozen, UInt8Array
 
 DeviceStateName = Literal[
     "ABSENT", "CONNECTING", "IDLE", "ARMED", "ACQUIRING", "DEGRADED", "FAULT", "STANDBY", "WARMING", "ON", "COOLING"
@@ -127,7 +127,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Preview(_Frozen):
+class Preview(Frozen):
     """A small picture `(height, width)` uint8 of a frame, and what it is."""
 
     image: UInt8Array
@@ -158,7 +158,7 @@ class ScanState:
 
 
 @dataclass(frozen=True)
-class Pixels(_Frozen):
+class Pixels(Frozen):
     """A bare array, for whoever asks for one."""
 
     array: Array

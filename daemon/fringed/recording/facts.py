@@ -71,7 +71,7 @@ def _text(encoded: Encoded) -> str:
     makers = {
         "FrameSet": _frame_set, "PatternSequence": _sequence, "PhaseMap": _phase_map, "Calibration": _calibration,
         "RangeImage": _range_image, "Registration": _registration, "Model": _model, "Truth": _truth, "Mesh": _mesh,
-        "Artifact": _artifact,
+        "Artifact": _artifact, "BoardView": _board_view, "Verification": _verification,
     }  # fmt: skip
     bits = " 16-bit" if dtypes.get("frames") == "<u2" else ""
     return makers[encoded.kind](encoded.body, shapes) + bits
@@ -104,6 +104,16 @@ def _phase_map(body: Body, shapes: Shapes) -> str:
 
 def _calibration(body: Body, _shapes: Shapes) -> str:
     return f"calibration of {body['rig'] or 'an unnamed rig'} ({body['source']})"
+
+
+def _board_view(body: Body, shapes: Shapes) -> str:
+    board = body["board"]
+    name = f"{board.get('kind', 'board')} {board.get('columns', '?')} x {board.get('rows', '?')}"
+    return f"{name}, {shapes['index'][0]} points" if body["found"] else f"{name}, not found: {body['reason']}"
+
+
+def _verification(body: Body, _shapes: Shapes) -> str:
+    return f"{body['artefact']}: {body['verdict']}, {body['points']} points"
 
 
 def _range_image(_body: Body, shapes: Shapes) -> str:
