@@ -1,0 +1,14 @@
+"""Registers calibration: boards to views, views to a calibration, artefacts to verifications."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from fringed.hookspecs import hookimpl
+
+
+@hookimpl
+def register_processors() -> Sequence[type[Any]]:
+    """Return the processors of calibration."""
+    return ()
