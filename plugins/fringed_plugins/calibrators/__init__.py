@@ -1,1 +1,1 @@
-"""Processors of calibration and verification: parameters and types of the contract; the geometry is in `calibration`."""
+"""Processors of calibration and verification: their parameters and types; the geometry is in `calibration`."""
