@@ -153,6 +153,7 @@ SHAPED: dict[Any, Any] = {
             "projector_px": (3, 2),
             "projector_sigma_px": (3, 2),
             "projector_jacobian": (3, 2, 2),
+            "light": (3,),
             "picture": (2, 4),
         },
     ),
