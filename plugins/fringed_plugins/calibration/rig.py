@@ -118,7 +118,8 @@ def _undistort_rows(start: int, stop: int, inverse: Any, distortion: Any, rays: 
                 y -= dy
                 if abs(dx) + abs(dy) < 1e-13:
                     break
-            good = abs(fx) + abs(fy) < 1e-9
+            # Beyond the fold of a distortion there may be another, mirrored solution.
+            good = abs(fx) + abs(fy) < 1e-9 and determinant > 0 and a + d > 0
             rays[0, row, column] = np.float32(x) if good else np.float32(np.nan)
             rays[1, row, column] = np.float32(y) if good else np.float32(np.nan)
 
