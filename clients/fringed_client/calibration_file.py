@@ -1,14 +1,14 @@
 """Calibrations as readable files, and recordings that are read without a station.
 
-Owns `calibration.json` (every number of a Calibration, arrays as lists) and reading an HDF5 recording with plain
-h5py; the recordings' format is docs/recording-format.md.
+Owns `calibration.json` (every number of a Calibration, arrays as lists, NaN as null) and reading an HDF5 recording
+with plain h5py; the recordings' format is docs/recording-format.md.
 """
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -33,9 +33,20 @@ def save_calibration(calibration: Calibration, path: Path) -> Path:
 def _listed(node: Any, arrays: dict[str, Any]) -> Any:
     if isinstance(node, dict):
         if set(node) == {"$array"}:
-            return arrays[node["$array"]].tolist()
+            return _numbers(arrays[node["$array"]])
         return {key: _listed(item, arrays) for key, item in node.items()}
+    if isinstance(node, list):
+        return [_listed(item, arrays) for item in node]
     return node
+
+
+def _numbers(array: Any) -> Any:
+    """Return nested lists; JSON has no NaN, so it is null, and an empty array says its shape."""
+    if array.size == 0:
+        return {"$empty": list(array.shape)}
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        return np.where(np.isfinite(array), array, None).tolist()
+    return array.tolist()
 
 
 def load_calibration(path: Path) -> Calibration:
@@ -58,7 +69,10 @@ def load_calibration(path: Path) -> Calibration:
     if not isinstance(tree, dict) or tree.get("format") != "fringed-calibration":
         raise DataError(f'{path} is no calibration: it lacks "format": "fringed-calibration"')
     own = {key: value for key, value in tree.items() if key not in ("format", "version", "hash")}
-    loaded: Calibration = join(_arrayed(own), Calibration, {}, wire.KINDS)
+    try:
+        loaded: Calibration = join(_arrayed(own, Calibration), Calibration, {}, wire.KINDS)
+    except (ValueError, TypeError, KeyError) as error:
+        raise DataError(f"{path} is no calibration: {error}") from error
     if tree.get("hash") not in (None, loaded.hash):
         raise DataError(
             f"{path} was changed by hand: its hash is {loaded.hash}, the file says {tree['hash']}; remove the line"
@@ -66,22 +80,19 @@ def load_calibration(path: Path) -> Calibration:
     return loaded
 
 
-def _arrayed(node: Any, name: str = "") -> Any:
-    """Turn lists of numbers into arrays where a Calibration has arrays."""
-    if isinstance(node, dict):
-        return {key: _arrayed(item, key) for key, item in node.items()}
-    if isinstance(node, list) and name in (
-        "matrix",
-        "distortion",
-        "T_projector_camera",
-        "reference_plane",
-        "tone_curve",
-        "crosstalk",
-        "error_rad",
-    ):
-        return np.array(node, np.float64)
-    if isinstance(node, list):
-        return [_arrayed(item) for item in node]
+def _arrayed(node: Any, hint: Any) -> Any:
+    """Turn lists of numbers into arrays where a type's hints say arrays; null is NaN."""
+    if node is None:
+        return None
+    for part in (hint, *get_args(hint)):  # Float64Array | None
+        if get_origin(part) is np.ndarray:
+            scalar = get_args(get_args(part)[1])[0]
+            return np.zeros(node["$empty"], scalar) if isinstance(node, dict) else np.array(node, scalar)
+        if hasattr(part, "__dataclass_fields__") and isinstance(node, dict):
+            hints = get_type_hints(part)
+            return {key: _arrayed(item, hints.get(key)) for key, item in node.items()}
+    if isinstance(node, list) and get_origin(hint) is tuple:
+        return [_arrayed(item, get_args(hint)[0]) for item in node]
     return node
 
 

@@ -17,8 +17,9 @@ import zmq
 from fringed import wire
 from fringed.acquisition import AcquisitionRequest, AcquisitionRunner
 from fringed.assembly import making
+from fringed.assembly.adopting import Adopter
 from fringed.assembly.life import Parts, RunningStation
-from fringed.assembly.loading import load_calibration, make_replay
+from fringed.assembly.loading import make_replay
 from fringed.assembly.simulator import Simulator
 from fringed.config import StationConfig
 from fringed.config.paths import data_dir, runtime_dir
@@ -36,6 +37,7 @@ from fringed.serving.scans import Scans
 from fringed.serving.sockets import Remote, Sockets
 from fringed.serving.status import Status
 from fringed.serving.stream import Stream
+from fringed.serving.verbs_calibration import CalibrationVerbs
 from fringed.serving.verbs_patterns import PatternVerbs
 from fringed.serving.verbs_records import RecordVerbs
 from fringed.serving.verbs_scans import ScanVerbs
@@ -70,15 +72,15 @@ def build(config: StationConfig, config_path: Path | None, read_config: Callable
         at_once, scene = making.without_foreign_scene(config)
         load = partial(making.load_driver_plugins, config)
         devices = build_devices(at_once, load, lambda c: make_replay(c, store))
-        read_calibration = partial(load_calibration, rig=devices.rig)
-        present = Present(config, read_calibration(config))
+        adopter = Adopter(store, devices, making.rig_name(config, devices))
+        present = Present(config, adopter.read(config))
         context: Context = zmq.Context(io_threads=1)
         undo.callback(context.destroy, linger=0)
         house, parts = _parts(store, lock, devices, present, context)
         simulator = Simulator(house, devices.rig) if devices.rig else None
         rig = making.rig_of(config, devices)
         identity = making.identity_of(config, devices, rig, store.data_dir, config_path)
-        station = _station(parts, (rig, identity, simulator, remote), read_config, read_calibration)
+        station = _station(parts, (rig, identity, simulator, remote), read_config, adopter)
         if simulator is not None and scene is not None:
             simulator.set_first_scene(scene)
         undo.pop_all()
@@ -108,10 +110,7 @@ def _parts(
 
 
 def _station(
-    made: dict[str, Any],
-    rest: Any,
-    read_config: Callable[[], StationConfig],
-    read_calibration: Callable[[StationConfig], Any],
+    made: dict[str, Any], rest: Any, read_config: Callable[[], StationConfig], adopter: Adopter
 ) -> RunningStation:
     """Build what acquires, answers and publishes; bind the sockets last."""
     rig, identity, simulator, remote = rest
@@ -125,12 +124,13 @@ def _station(
     )  # fmt: skip
     make = (make_station, partial(making.worker_options, made["lock"].folder))
     parts = Parts(**made, status=status, runner=runner)
-    running = RunningStation(parts, Notifier(os.environ), read_config, read_calibration, make)
+    running = RunningStation(parts, Notifier(os.environ), read_config, adopter.read, make)
     hello = partial(making.hello, identity, sockets, remote)
     verbs = {
         **StationVerbs(house, leases, hello, status.state, running.reload, simulator).table(),
         **ScanVerbs(house, scans, leases).table(),
         **RecordVerbs(house, making.SOFTWARE).table(),
+        **CalibrationVerbs(house, leases, adopter, running.put_in_force).table(),
         **PatternVerbs(house, scans.sequences, link).table(),
     }
     control = Control(house.reactor, sockets.control, verbs)

@@ -42,7 +42,8 @@ def _rows(state: StationState) -> dict[str, Any]:
     rows: dict[str, Any] = {
         "station": " ".join((f"{state.name}, fringed {state.version}, pid {state.pid}", *marks)),
         "up": f"{state.uptime_s:.0f} s, {state.memory_mb:.0f} MB",
-        "rig": f"{state.rig or 'unnamed'}, calibration {state.calibration or 'none'}",
+        "rig": state.rig or "unnamed",
+        "calibration": f"{state.calibration or 'none'} ({state.calibration_origin})",
         "camera": _device(state.camera), "projector": _device(state.projector),
         "lease": f"{lease.holder} holds the {lease.scope}, {lease.expires_in_s:.0f} s left" if lease else "free",
         "scan": state.scan or "none",

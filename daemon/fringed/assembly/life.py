@@ -24,7 +24,7 @@ from fringed.errors import FringedError
 from fringed.messages import Event
 from fringed.recording import Recorder, Store
 from fringed.sdnotify import Notifier
-from fringed.serving.house import House
+from fringed.serving.house import House, InForce
 from fringed.serving.records import iso_now
 from fringed.serving.reload import AT_ONCE, CAMERA_AT_ONCE, changes
 from fringed.serving.runtime import RuntimeLock
@@ -66,7 +66,7 @@ class RunningStation:
         parts: Parts,
         notifier: Notifier,
         read_config: Callable[[], StationConfig],
-        read_calibration: Callable[[StationConfig], Calibration | None],
+        read_calibration: Callable[[StationConfig], InForce],
         make: tuple[Callable[[Calibration | None], Station], Callable[[StationConfig], WorkerOptions]],
     ) -> None:
         self._parts = parts
@@ -118,16 +118,15 @@ class RunningStation:
         parts, present = self._parts, self._parts.house.present
         try:
             new = self._read_config()
-            calibration = self._read_calibration(new)
+            in_force = self._read_calibration(new)
         except FringedError as error:
             _log.error("the configuration is not reloaded, nothing changes: %s", error)
             raise
         applied, needs_restart = changes(present.config, new)
-        present.config, present.calibration = _kept(present.config, new), calibration
-        parts.runner.reconfigure(new.acquisition, new.checks, self._make_station(calibration))
+        present.config = _kept(present.config, new)
+        self.put_in_force(in_force)
         if any(path.startswith("workers.") for path in applied):
             self._reload_workers(new)
-        parts.scans.sequences.clear()
         parts.sockets.read_clients_again()
         logs.set_up(new.log)
         _log.info("reloaded; applied: %s; needs a restart: %s", applied or "nothing", needs_restart or "nothing")
@@ -136,6 +135,16 @@ class RunningStation:
             "event",
         )
         return {"applied": applied, "needs_restart": needs_restart}
+
+    def put_in_force(self, found: InForce) -> None:
+        """Use a calibration from the next set on: its name in the frames, its tone curve in the patterns."""
+        parts, present = self._parts, self._parts.house.present
+        present.in_force = found
+        parts.runner.reconfigure(
+            present.config.acquisition, present.config.checks, self._make_station(found.calibration)
+        )
+        parts.scans.sequences.clear()
+        parts.status.changed()
 
     def _reload_workers(self, new: StationConfig) -> None:
         """Apply limits; start the workers anew where their options changed."""

@@ -31,14 +31,14 @@ class ReplayOptions(Params, frozen=True, kw_only=True):
 
 
 def load_calibration(config: StationConfig, rig: SimulatedRig | None) -> Calibration | None:
-    """Return the calibration that is configured, None where none is.
+    """Return the calibration that the configuration says by itself, None where it says none.
 
     Raises
     ------
     ConfigurationError
         it cannot be loaded, or is something else.
     """
-    if not config.calibration:
+    if config.calibration in ("", "adopted"):
         return None
     if config.calibration == "simulated":
         if rig is None:

@@ -38,9 +38,14 @@ def rig_of(config: StationConfig, devices: Devices) -> Rig:
 
 def identity_of(config: StationConfig, devices: Devices, rig: Rig, data_dir: Path, path: Path | None) -> Identity:
     """Return what does not change while the daemon runs."""
-    name = devices.rig.identity if devices.rig else config.name
+    name = rig_name(config, devices)
     where = str(path.absolute()) if path else ""
     return Identity(config.name, name, rig.simulated, rig.replayed, str(data_dir), where)
+
+
+def rig_name(config: StationConfig, devices: Devices) -> str:
+    """Return how the rig is called in what it makes: a simulated one has a name of its own."""
+    return devices.rig.identity if devices.rig else config.name
 
 
 def station_of(rig: str, calibration: Calibration | None) -> Station:

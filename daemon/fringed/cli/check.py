@@ -21,7 +21,7 @@ from fringed.messages import PluginInfo
 def check_file(path: Path, plugins: bool = True, as_json: bool = False) -> int:
     """Print every problem and return the exit code; raises ConfigurationError where it cannot be read at all."""
     config, problems = examined(merged(PIPELINES, read_toml(path)))
-    problems += _calibration_problems(config)
+    problems += _calibration_problems(config) + _board_problems(config)
     if plugins:
         problems += plugin_problems(config)
     if as_json:
@@ -44,6 +44,16 @@ def _calibration_problems(config: StationConfig) -> list[Problem]:
         return []
     try:
         load_calibration(config, None)
+    except ConfigurationError as error:
+        return list(error.problems)
+    return []
+
+
+def _board_problems(config: StationConfig) -> list[Problem]:
+    from fringed.boards import board_of
+
+    try:
+        board_of(config.board)
     except ConfigurationError as error:
         return list(error.problems)
     return []

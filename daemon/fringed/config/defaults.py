@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
+BOARD_PROCESSOR = "detect-board"
+"""The processor whose parameter `board` is the station's own, unless a pipeline or a scan gives another one."""
+
 PIPELINES: dict[str, Any] = {
     "pipelines": {
         "hierarchical": {
@@ -99,6 +102,26 @@ PIPELINES: dict[str, Any] = {
             "encoder": "multi-frequency",
             "encoder_params": {"periods": [1, 8, 64], "steps": 4, "levels": [1.0, 0.25]},
             "stages": [{"processor": "fuse-levels", "name": "phase"}, {"processor": "triangulate", "name": "range"}],
+        },
+        "board": {
+            "summary": "3 frequencies x 4 steps along both directions: one pose of a calibration board",
+            "encoder": "multi-frequency",
+            "encoder_params": {"periods": [1, 8, 64], "steps": 4, "orientation": "both"},
+            "roles": ["board"],
+            "stages": [
+                {
+                    "processor": "multi-frequency",
+                    "name": "columns",
+                    "params": {"orientation": "columns"},
+                    "keep": False,
+                },
+                {"processor": "multi-frequency", "name": "rows", "params": {"orientation": "rows"}, "keep": False},
+                {
+                    "processor": BOARD_PROCESSOR,
+                    "name": "view",
+                    "inputs": {"columns": "columns", "rows": "rows"},
+                },
+            ],
         },
         "tone": {
             "summary": "a grey ramp on any light surface: the projector's tone curve, added to the calibration",

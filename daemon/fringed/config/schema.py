@@ -158,8 +158,15 @@ class StationConfig(Section, frozen=True, kw_only=True):
         str, Meta(description="sockets; empty: $FRINGED_RUNTIME_DIR, else $XDG_RUNTIME_DIR/fringed")
     ] = ""
     calibration: Annotated[
-        str, Meta(description="a calibration file; 'simulated': the simulated rig's own exact one; empty: none")
-    ] = ""
+        str,
+        Meta(
+            description="adopted: the one that `fringe calibration use` put in force, none until then; simulated: the "
+            "same, and the simulated rig's own exact one until then; else a calibration's file; empty: none for good"
+        ),
+    ] = "adopted"
+    board: Annotated[
+        dict[str, Any], Meta(description="the calibration board that this station has; keys as `fringe board --toml`")
+    ] = {}
     record_truth: Annotated[bool, Meta(description="record the simulator's truth with every set")] = False
     log: LogConfig = LogConfig()
     camera: CameraConfig = CameraConfig()

@@ -91,7 +91,7 @@ class QuarantineEntry:
 
 @dataclass(frozen=True)
 class StationState:
-    """What `fringe status` shows. `simulated` and `replayed` are never silent."""
+    """What `fringe status` shows. `simulated` and `replayed` are never silent; `calibration` is its hash."""
 
     name: str
     version: str
@@ -113,6 +113,7 @@ class StationState:
     data_dir: str = ""
     free_disk_mb: float = 0.0
     config_path: str = ""
+    calibration_origin: str = ""
 
 
 @dataclass(frozen=True)

@@ -25,12 +25,26 @@ _log = logging.getLogger(__name__)
 Failed = Callable[[FringedError], None]
 
 
+@dataclass(frozen=True)
+class InForce:
+    """The calibration that scans use; `origin` says where it comes from, `problem` why it is not the adopted one."""
+
+    calibration: Calibration | None
+    origin: str = ""
+    problem: str = ""
+
+
 @dataclass(eq=False)
 class Present:
     """What a reload can change."""
 
     config: StationConfig
-    calibration: Calibration | None = None
+    in_force: InForce = field(default_factory=lambda: InForce(None))
+
+    @property
+    def calibration(self) -> Calibration | None:
+        """The calibration that scans use."""
+        return self.in_force.calibration
 
 
 @dataclass(eq=False)

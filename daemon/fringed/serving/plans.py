@@ -11,7 +11,8 @@ from typing import Any
 
 import msgspec
 
-from fringed.config import PipelineConfig, PresetConfig, StationConfig, merged
+from fringed.config import PipelineConfig, PresetConfig, StageConfig, StationConfig, merged
+from fringed.config.defaults import BOARD_PROCESSOR
 from fringed.data import CameraSettings
 from fringed.errors import NotFound, UsageError
 from fringed.messages import StageCall
@@ -75,7 +76,7 @@ def plan_scan(config: StationConfig, wish: ScanWish) -> Plan:
     settings = settings_by_role(config.camera, camera, by_role, pipeline.roles)
     return Plan(
         name,
-        stage_calls(pipeline, name, merged(preset.stages, wish.stages)) if wish.process else (),
+        stage_calls(pipeline, name, merged(preset.stages, wish.stages), config.board) if wish.process else (),
         StageCall("patterns", "encoder", pipeline.encoder, params),
         roles,
         {role: settings[role] for role in roles},
@@ -88,7 +89,7 @@ def plan_process(config: StationConfig, pipeline: str, stages: Sequence[Any] | N
     """Return what to do with given inputs: a pipeline's stages, or those that the request lists; raises as above."""
     if stages is None:
         name = pipeline or config.default_pipeline
-        return Plan(name, stage_calls(pipeline_of(config, name), name, params))
+        return Plan(name, stage_calls(pipeline_of(config, name), name, params, config.board))
     calls = tuple(_stage_call(index, stage) for index, stage in enumerate(stages))
     names = [call.name for call in calls]
     unknown = sorted(set(params) - set(names))
@@ -107,8 +108,16 @@ def pipeline_of(config: StationConfig, name: str) -> PipelineConfig:
     return config.pipelines[name]
 
 
-def stage_calls(pipeline: PipelineConfig, name: str, params: Tables) -> tuple[StageCall, ...]:
-    """Return a pipeline's stages with other parameters; raises UsageError for stages it does not have."""
+def stage_calls(
+    pipeline: PipelineConfig, name: str, params: Tables, board: Tables | None = None
+) -> tuple[StageCall, ...]:
+    """Return a pipeline's stages with other parameters, and the station's `board` where one looks for it.
+
+    Raises
+    ------
+    UsageError
+        parameters for stages that the pipeline does not have.
+    """
     names = [stage.name or stage.processor for stage in pipeline.stages]
     unknown = sorted(set(params) - set(names))
     wrong = sorted(key for key, value in params.items() if not isinstance(value, Mapping))
@@ -119,10 +128,15 @@ def stage_calls(pipeline: PipelineConfig, name: str, params: Tables) -> tuple[St
         )
     return tuple(
         StageCall(
-            own, "processor", stage.processor, merged(stage.params, params.get(own, {})), stage.inputs, stage.keep
+            own, "processor", stage.processor, merged(_own(stage, board), params.get(own, {})), stage.inputs, stage.keep
         )
         for own, stage in zip(names, pipeline.stages, strict=True)
     )
+
+
+def _own(stage: StageConfig, board: Tables | None) -> Tables:
+    """Return a stage's configured parameters, over the station's board where the stage looks for it."""
+    return merged({"board": board}, stage.params) if board and stage.processor == BOARD_PROCESSOR else stage.params
 
 
 def _preset(config: StationConfig, wish: ScanWish) -> PresetConfig:

@@ -20,6 +20,7 @@ AT_ONCE = frozenset(
         "log",
         "calibration",
         "record_truth",
+        "board",
         "workers",
     }
 )

@@ -86,6 +86,7 @@ class Status:
             replayed=self.identity.replayed,
             rig=self.identity.rig,
             calibration=calibration.hash if calibration else "",
+            calibration_origin="; ".join(filter(None, (house.present.in_force.origin, house.present.in_force.problem))),
             camera=self._camera(),
             projector=self.devices.get("projector", _UNKNOWN),
             lease=self.leases.state(now),
