@@ -101,14 +101,14 @@ class Triangulate:
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
         from fringed_plugins.calibration.rig import Pinhole, projector_axis
-        from fringed_plugins.calibration.triangulate import triangulate
+        from fringed_plugins.calibration.triangulate import Measured, triangulate
 
         matrix = np.array([[8.0, 0, 3.5], [0, 8.0, 3.5], [0, 0, 1]])
         lens, transform, zeros = Pinhole(8, 8, matrix, np.zeros(5)), np.eye(4), np.zeros((8, 8), np.float32)
         transform[0, 3] = -1.0
         mask = np.zeros((8, 8), np.uint16)
         axis = projector_axis(lens, transform, "columns")
-        triangulate(zeros, mask, lens, axis, (8.0, 0.0), sigma_rad=zeros, background=zeros, threads=1)
+        triangulate(Measured(zeros, mask, zeros, zeros), lens, axis, (8.0, 0.0), threads=1)
 
 
 class ReferencePlane:
@@ -272,7 +272,7 @@ def _tell_guess(context: Context, given: bool, guess: tuple[float, float, float]
 def _range_image(
     phase: PhaseMap, absolute_rad: Float32Array, calibration: Calibration, params: RangeParams, context: Context
 ) -> RangeImage:
-    from fringed_plugins.calibration.triangulate import Tolerances, triangulate
+    from fringed_plugins.calibration.triangulate import Measured, Tolerances, triangulate
 
     camera, axis, fringes = _rig(phase, calibration)
     tolerances = Tolerances(
@@ -283,17 +283,8 @@ def _range_image(
         sigma_ratio=params.max_sigma_ratio,
         flyers=params.keep_flyers,
     )
-    points = triangulate(
-        absolute_rad,
-        phase.rejected,
-        camera,
-        axis,
-        fringes,
-        sigma_rad=phase.sigma_rad,
-        background=phase.background,
-        tolerances=tolerances,
-        threads=context.threads,
-    )
+    measured = Measured(absolute_rad, phase.rejected, phase.sigma_rad, phase.background)
+    points = triangulate(measured, camera, axis, fringes, tolerances=tolerances, threads=context.threads)
     simulated = phase.provenance.simulated or calibration.source == "exact-simulated"
     return RangeImage(
         xyz_mm=points.xyz_mm,

@@ -6,8 +6,6 @@ lens and kept, and the projector's axes, swapped where the phase counts rows.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from fringed_plugins.calibration.recent import Recent, key_of
 from fringed_plugins.parallel import run_rows
 
 Float64Array = npt.NDArray[np.float64]
@@ -22,8 +21,7 @@ Float32Array = npt.NDArray[np.float32]
 
 _KEPT_LENSES = 4
 _NEWTON_STEPS = 12
-_lock = threading.Lock()
-_rays: OrderedDict[bytes, Float32Array] = OrderedDict()
+_rays = Recent[Float32Array](_KEPT_LENSES)
 
 
 @dataclass(frozen=True)
@@ -34,6 +32,11 @@ class Pinhole:
     height_px: int
     matrix: Float64Array
     distortion: Float64Array
+
+    @property
+    def key(self) -> bytes:
+        """Bytes that tell this lens from others."""
+        return key_of(self.width_px, self.height_px, np.asarray(self.matrix), np.asarray(self.distortion))
 
 
 class Axis(NamedTuple):
@@ -129,19 +132,13 @@ def camera_rays(camera: Pinhole, threads: int = 0) -> Float32Array:
 
     The last few lenses' rays are kept. Pixels at which the distortion has no inverse are NaN.
     """
-    size = np.array([camera.width_px, camera.height_px], np.int64)
-    key = size.tobytes() + camera.matrix.tobytes() + camera.distortion.tobytes()
-    with _lock:
-        if key in _rays:
-            _rays.move_to_end(key)
-            return _rays[key]
+    return _rays.get(camera.key, lambda: _camera_rays(camera, threads))
+
+
+def _camera_rays(camera: Pinhole, threads: int) -> Float32Array:
     rays = np.empty((2, camera.height_px, camera.width_px), np.float32)
     inverse = np.linalg.inv(np.asarray(camera.matrix, np.float64))
     coefficients = tuple(float(c) for c in camera.distortion)
     run_rows(_undistort_rows, camera.height_px, inverse, coefficients, rays, threads=threads)
     rays.flags.writeable = False
-    with _lock:
-        _rays[key] = rays
-        while len(_rays) > _KEPT_LENSES:
-            _rays.popitem(last=False)
     return rays

@@ -51,7 +51,7 @@ def trueness_mm(
     ----------
     JCGM 100:2008 (GUM), section 5.2: the law of propagation for correlated quantities.
     """
-    chosen, among = _named(covariance, parameters)
+    chosen, among = named(covariance, parameters)
     pixels = grid_pixels(camera, grid)
     found = np.empty((len(depths_mm), *grid, 3))
     for place, depth in enumerate(depths_mm):
@@ -71,8 +71,14 @@ def grid_pixels(camera: Pinhole, grid: tuple[int, int]) -> Float64Array:
     return np.stack(np.meshgrid(columns, rows), -1)
 
 
-def _named(covariance: Float64Array, parameters: Sequence[str]) -> tuple[Float64Array, list[int]]:
-    """Return the part of the covariance that moves points, and the places of its numbers among `NUMBERS`."""
+def named(covariance: Float64Array, parameters: Sequence[str]) -> tuple[Float64Array, list[int]]:
+    """Return the part of a covariance that moves points, and the places of its numbers among `NUMBERS`.
+
+    Raises
+    ------
+    ValueError
+        an unknown parameter of a lens or of the stereo pose, or a covariance of another shape or not finite.
+    """
     if np.shape(covariance) != (len(parameters), len(parameters)):
         raise ValueError(
             f"the covariance has shape {np.shape(covariance)}, and {len(parameters)} parameters are named; it has a "
@@ -83,4 +89,6 @@ def _named(covariance: Float64Array, parameters: Sequence[str]) -> tuple[Float64
         raise ValueError(f"unknown parameters {', '.join(strange)}; known are {', '.join(NUMBERS)}")
     places = [place for place, name in enumerate(parameters) if name in NUMBERS]
     chosen: Any = np.asarray(covariance, np.float64)[np.ix_(places, places)]
+    if not np.isfinite(chosen).all():
+        raise ValueError("the covariance is not finite: some number is not determined by the poses; take more of them")
     return chosen, [NUMBERS.index(parameters[place]) for place in places]
