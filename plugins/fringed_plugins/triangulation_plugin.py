@@ -7,60 +7,32 @@ Owns parameters and the translation between the contract's types and arrays; the
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from msgspec import Meta
 
 from fringed import __version__
-from fringed.data import Calibration, Float32Array, FrameSet, Lens, PhaseMap, Provenance, RangeImage
+from fringed.data import Calibration, Float32Array, FrameSet, PhaseMap, RangeImage
 from fringed.errors import DataError
-from fringed.hookspecs import Context, Params, hookimpl
+from fringed.hookspecs import Context, hookimpl
+from fringed_plugins.calibrators.ranging import RangeParams, checked, range_image, rig_of
 from fringed_plugins.decoders.tone_drift import warn_of_drift
 
-if TYPE_CHECKING:
-    from fringed_plugins.calibration.rig import Axis, Pinhole
-
 _MM = {"units": "mm"}
-_PX = {"units": "px on the object"}
 _DEPTH_PLANE_FRACTION = 0.3
 _PLANE_RAD = 0.3
-_MIN_SENSITIVITY = 0.05
-
-
-class RangeParams(Params, frozen=True, kw_only=True):
-    """Which points are kept."""
-
-    min_depth_mm: Annotated[float, Meta(ge=0, description="nearest depth kept", extra_json_schema=_MM)] = 0.0
-    max_depth_mm: Annotated[
-        Annotated[float, Meta(gt=0)] | None,
-        Meta(description="farthest depth kept; unset: no limit", extra_json_schema=_MM),
-    ] = None
-    max_bend: Annotated[
-        float,
-        Meta(gt=0, le=1e3, description="largest departure from the neighbours' line", extra_json_schema=_PX),
-    ] = 1.5
-    max_slope: Annotated[
-        float,
-        Meta(gt=0, le=1e3, description="steepest surface, tangent to the view", extra_json_schema={"units": "1"}),
-    ] = 8.0
-    max_sigma_ratio: Annotated[
-        float,
-        Meta(gt=1, le=1e6, description="largest deviation over the median's", extra_json_schema={"units": "1"}),
-    ] = 7.0
-    keep_flyers: Annotated[
-        bool, Meta(description="keep points that continue no surface, or deviate much more than most")
-    ] = False
 
 
 class Triangulate:
     """Absolute phase to points: each camera ray meets the surface of its projector column or row.
 
-    Both lenses' distortions are taken exactly. The deviation of a point along its ray is the phase's times
-    the geometry's sensitivity. Points that continue no surface (flyers) are dropped (`DISCONTINUITY`). Of the
-    optional `frames` it looks at the second harmonic, and warns where the projector's tone has drifted.
+    Both lenses' distortions are taken exactly. The deviation of a point along its ray is the phase's times the
+    geometry's sensitivity, and what the calibration's covariance leaves there. A calibration with a model of each pixel
+    (`fit-pixel-model`) is used by that model, within the depths that it was fitted in. Points that continue no surface
+    (flyers) are dropped (`DISCONTINUITY`). Of the optional `frames` it looks at the second harmonic, and warns where
+    the projector's tone has drifted.
 
     References
     ----------
@@ -83,9 +55,9 @@ class Triangulate:
         Raises
         ------
         DataError
-            a phase that is not absolute, or a calibration of another camera or projector.
+            a phase that is not absolute, or a calibration of another rig, camera or projector.
         """
-        phase, calibration = _inputs(inputs, self.name)
+        phase, calibration = checked(inputs, self.name, params, context)
         if phase.kind != "absolute":
             raise DataError(
                 f"triangulate takes an absolute phase; this one is {phase.kind}: decode several frequencies, or unwrap "
@@ -95,7 +67,7 @@ class Triangulate:
         frames = inputs.get("frames")
         if isinstance(frames, FrameSet):
             warn_of_drift(frames, calibration, context)
-        return _range_image(phase, phase.phase_rad, calibration, params, context)
+        return range_image(phase, phase.phase_rad, calibration, params, context)
 
     @classmethod
     def warm_up(cls) -> None:
@@ -155,7 +127,7 @@ class ReferencePlane:
         """
         from fringed_plugins.calibration.reference import period_depth_mm, phase_at_depth, plane_depth
 
-        phase, calibration = _inputs(inputs, self.name)
+        phase, calibration = checked(inputs, self.name, params, context)
         if phase.kind != "relative":
             raise DataError(f"reference-plane takes a relative phase (a difference); this one is {phase.kind}")
         if calibration.reference_plane is None:
@@ -163,7 +135,7 @@ class ReferencePlane:
                 "the calibration has no reference plane; calibrate with one, or several frequencies with 'triangulate'"
             )
         context.check_cancelled()
-        camera, axis, fringes = _rig(phase, calibration)
+        camera, axis, fringes = rig_of(phase, calibration)
         depth = plane_depth(camera, calibration.reference_plane, context.threads)
         plane_rad = phase_at_depth(camera, axis, fringes, depth, context.threads)
         context.progress(0.4, "reference plane")
@@ -177,57 +149,12 @@ class ReferencePlane:
         shift += np.float32(2 * np.pi * params.offset_periods)
         absolute = (plane_rad + phase.phase_rad + shift).astype(np.float32)
         context.progress(0.6, "triangulation")
-        return _range_image(phase, absolute, calibration, params, context)
+        return range_image(phase, absolute, calibration, params, context)
 
     @classmethod
     def warm_up(cls) -> None:
         """Compile or load the kernels."""
         Triangulate.warm_up()
-
-
-def _inputs(inputs: Mapping[str, Any], name: str) -> tuple[PhaseMap, Calibration]:
-    phase, calibration = inputs.get("phase"), inputs.get("calibration")
-    if not isinstance(phase, PhaseMap) or not isinstance(calibration, Calibration):
-        raise DataError(
-            f"{name} takes a PhaseMap 'phase' and a Calibration 'calibration'; it was given "
-            f"{type(phase).__name__} and {type(calibration).__name__}: calibrate the rig, or name its calibration file"
-        )
-    height, width = phase.phase_rad.shape
-    camera, projector = calibration.camera, calibration.projector
-    if (camera.width_px, camera.height_px) != (width, height):
-        raise DataError(
-            f"the phase map is {width} x {height} px, the calibration's camera {camera.width_px} x {camera.height_px}; "
-            "use the calibration of this camera at this resolution"
-        )
-    known = projector.width_px if phase.orientation == "columns" else projector.height_px
-    if phase.projector_px not in (0, known):
-        raise DataError(
-            f"the fringes were made for a projector of {phase.projector_px} {phase.orientation}, the calibration is "
-            f"for {known}; use the calibration of this projector"
-        )
-    return phase, calibration
-
-
-def _pinhole(lens: Lens) -> Pinhole:
-    from fringed_plugins.calibration.rig import Pinhole
-
-    return Pinhole(lens.width_px, lens.height_px, lens.matrix, lens.distortion)
-
-
-def _rig(phase: PhaseMap, calibration: Calibration) -> tuple[Pinhole, Axis, tuple[float, float]]:
-    from fringed_plugins.calibration.rig import projector_axis, sensitivity
-
-    try:
-        axis = projector_axis(_pinhole(calibration.projector), calibration.T_projector_camera, phase.orientation)
-    except ValueError as error:
-        raise DataError(f"the calibration {calibration.hash} cannot be used: {error}") from error
-    if sensitivity(axis) < _MIN_SENSITIVITY:
-        other = "rows" if phase.orientation == "columns" else "columns"
-        raise DataError(
-            f"camera and projector stand side by side along the fringes, so that {phase.orientation} tell no depth; "
-            f"project fringes along {other}"
-        )
-    return _pinhole(calibration.camera), axis, (phase.period_px, phase.initial_phase_rad)
 
 
 def _aim_mm(calibration: Calibration) -> float:
@@ -266,33 +193,6 @@ def _tell_guess(context: Context, given: bool, guess: tuple[float, float, float]
         f"expected_depth_mm is not given, so that {expected:.1f} mm, where the rig is aimed, decides; it may be wrong "
         f"by multiples of {step:.1f} mm, one period. Set expected_depth_mm to the depth of the object's middle, within "
         f"{step / 2:.1f} mm; or show the plane beside the object, or use several frequencies",
-    )
-
-
-def _range_image(
-    phase: PhaseMap, absolute_rad: Float32Array, calibration: Calibration, params: RangeParams, context: Context
-) -> RangeImage:
-    from fringed_plugins.calibration.triangulate import Measured, Tolerances, triangulate
-
-    camera, axis, fringes = _rig(phase, calibration)
-    tolerances = Tolerances(
-        near_mm=params.min_depth_mm,
-        far_mm=params.max_depth_mm or float("inf"),
-        bend_px=params.max_bend,
-        step_px=params.max_slope,
-        sigma_ratio=params.max_sigma_ratio,
-        flyers=params.keep_flyers,
-    )
-    measured = Measured(absolute_rad, phase.rejected, phase.sigma_rad, phase.background)
-    points = triangulate(measured, camera, axis, fringes, tolerances=tolerances, threads=context.threads)
-    simulated = phase.provenance.simulated or calibration.source == "exact-simulated"
-    return RangeImage(
-        xyz_mm=points.xyz_mm,
-        rejected=points.rejected,
-        intensity=points.intensity,
-        sigma_mm=points.sigma_mm if phase.sigma_rad is not None else None,
-        calibration=calibration.hash,
-        provenance=replace(Provenance(), calibration=calibration.hash, rig=calibration.rig, simulated=simulated),
     )
 
 

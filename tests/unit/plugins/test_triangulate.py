@@ -19,6 +19,7 @@ from fringed_plugins.calibration.reference import (
     plane_depth,
 )
 from fringed_plugins.calibration.rig import Pinhole, camera_rays, projector_axis
+from fringed_plugins.calibration.stereo import newton_steps
 from fringed_plugins.triangulation_plugin import ReferencePlane, Triangulate
 
 PERIOD = 16.0
@@ -80,6 +81,35 @@ def test_strong_distortion_is_solved_to_rounding():
     result = run(Triangulate, {"phase": phase_map(calibration, xyz), "calibration": calibration})
     assert np.nanmax(np.abs(result.xyz_mm - xyz)) < 3e-4
     assert (result.rejected == 0).mean() > 0.999
+
+
+def test_distortion_that_two_steps_of_newton_leave_is_solved_with_more():
+    calibration = small_rig(projector=(256, 256))
+    extreme = np.array([-0.55, 0.35, 0.02, -0.02, -0.1])
+    calibration = replace(calibration, projector=replace(calibration.projector, distortion=extreme))
+    camera = pinhole(calibration.camera)
+    for rig, orientation in ((calibration, "columns"), (turned(calibration), "rows")):
+        axis = projector_axis(pinhole(rig.projector), rig.T_projector_camera, orientation)
+        assert newton_steps(camera, axis) > 2
+        xyz = points(rig, relief())
+        result = run(Triangulate, {"phase": phase_map(rig, xyz, orientation), "calibration": rig})
+        good = result.rejected == 0
+        # The lens folds the phase less than it stretches it: as exact as others where it does not.
+        assert good.mean() > 0.97
+        assert np.abs(result.xyz_mm - xyz)[good].max() < 1e-3
+    plain = small_rig(distortion=False)
+    assert newton_steps(camera, projector_axis(pinhole(plain.projector), plain.T_projector_camera, "columns")) == 1
+
+
+@pytest.mark.parametrize("size", [(5, 5), (4, 3), (3, 9), (9, 3)])
+def test_small_pictures_are_judged_by_the_neighbours_that_they_have(size):
+    calibration = small_rig(*size)
+    xyz = points(calibration, np.full(size[::-1], 1000.0))
+    result = run(Triangulate, {"phase": phase_map(calibration, xyz), "calibration": calibration})
+    sides = [np.zeros(n, bool) for n in size]
+    for kept, n in zip(sides, size, strict=True):
+        kept[: max(n - 2, 0)] = kept[2:] = True  # two neighbours on one side
+    assert ((result.rejected == 0) == (sides[1][:, None] & sides[0])).all()
 
 
 def test_rows_measure_when_the_projector_stands_above():
@@ -173,6 +203,33 @@ def test_calibration_of_another_camera_is_refused():
     phase = phase_map(calibration, points(calibration, relief()))
     with pytest.raises(DataError, match="160 x 120 px, the calibration's camera 200 x 150"):
         run(Triangulate, {"phase": phase, "calibration": small_rig(200, 150)})
+
+
+def renamed(phase, rig, **provenance):
+    return replace(phase, provenance=replace(phase.provenance, rig=rig, **provenance))
+
+
+def test_phase_of_another_rig_is_refused_unless_both_names_are_said_to_mean_one():
+    calibration = small_rig()
+    phase = renamed(phase_map(calibration, points(calibration, relief())), "bench 7")
+    inputs = {"phase": phase, "calibration": calibration}
+    with pytest.raises(DataError, match=r"taken by the rig 'bench 7', the calibration [0-9a-f]+ is of 'test'"):
+        run(Triangulate, inputs)
+    assert not run(Triangulate, inputs, any_rig=True).rejected.any()
+    assert not run(Triangulate, inputs | {"phase": renamed(phase, "test")}).rejected.any()
+    for unnamed in ({"phase": renamed(phase, "")}, {"calibration": replace(calibration, rig="")}):
+        assert not run(Triangulate, inputs | unnamed).rejected.any()
+    plane = replace(difference_map(calibration, points(calibration, relief())), provenance=phase.provenance)
+    with pytest.raises(DataError, match="bench 7"):
+        run(ReferencePlane, inputs | {"phase": plane})
+
+
+def test_replayed_phase_of_another_rig_is_taken_with_a_warning():
+    calibration, context = small_rig(), RecordingContext()
+    phase = renamed(phase_map(calibration, points(calibration, relief())), "bench 7", replayed=True)
+    Triangulate().run({"phase": phase, "calibration": calibration}, Triangulate.Params(), context)
+    [(level, text)] = context.logged
+    assert level == "warning" and "'bench 7'" in text and "'test'" in text
 
 
 def test_fringes_along_the_baseline_are_refused():
