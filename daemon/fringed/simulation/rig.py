@@ -27,6 +27,7 @@ from fringed.simulation.frames import exposed
 from fringed.simulation.geometry import Geometry, blur_sigmas_px, trace, truth_of
 from fringed.simulation.heap import return_memory
 from fringed.simulation.light import Light, channel_mix, light_of, widened
+from fringed.simulation.printing import apply_print
 from fringed.simulation.scene import REFERENCE, Scene, build_scene, reference_solid, solid_of
 from fringed.simulation.sensor import RGB, Sensor
 from fringed.simulation.tone import response
@@ -134,7 +135,10 @@ class SimulatedRig:
         pose = scene.T_camera_object(moved_mm)
         solid = reference_solid(self.config) if self._sees_reference else solid_of(scene, pose)
         light = (scene.config.specular, scene.config.ambient)
-        return trace(self.config, solid, light, self.sensor.sensitivity(), pose)
+        geometry = trace(self.config, solid, light, self.sensor.sensitivity(), pose)
+        if scene.shape.printed is not None and not self._sees_reference:
+            apply_print(geometry, scene.shape.printed, optics.packed(optics.camera_lens(self.config)))
+        return geometry
 
     # The projector.
 

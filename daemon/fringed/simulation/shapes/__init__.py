@@ -14,6 +14,7 @@ from fringed.config.validation import validate
 from fringed.data import Mesh
 from fringed.errors import ConfigurationError, DataError, Problem
 from fringed.simulation.shapes.basic import PlaneOptions, SphereOptions, StepsOptions, plane, sphere, steps
+from fringed.simulation.shapes.board import board, board_options
 from fringed.simulation.shapes.files import MeshOptions, mesh_file
 from fringed.simulation.shapes.freeform import FreeformOptions, freeform
 from fringed.simulation.shapes.hand import HandOptions, hand
@@ -29,7 +30,8 @@ _OBJECTS: Mapping[str, tuple[type[ShapeOptions], Callable[[Any], Shape]]] = {
     "hand": (HandOptions, hand),
     "mesh": (MeshOptions, mesh_file),
 }
-OBJECTS = tuple(_OBJECTS)
+BOARD = "board"
+OBJECTS = (*_OBJECTS, BOARD)
 _AT_LEISURE = ("face", "hand")  # take some tenths of a second and cannot fail
 
 
@@ -46,6 +48,8 @@ def shape_maker(config: SceneConfig, mesh: Mesh | None = None) -> Callable[[], S
     if mesh is not None:
         shape = mesh_shape(mesh.vertices_mm, mesh.faces, mesh.albedo)
         return lambda: shape
+    if config.object == BOARD:
+        return partial(board, board_options(dict(config.options)))
     if config.object not in _OBJECTS:
         allowed = f"one of {', '.join(OBJECTS)}, or a plug-in's scene given as a mesh"
         problem = Problem("simulation.scene.object", repr(config.object), allowed)

@@ -21,10 +21,29 @@ class ShapeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 @dataclass(frozen=True)
+class Print:
+    """Marks on the front of a flat sheet, in its own frame (mm), x to the right and y down.
+
+    `discs` (m, 3) are x, y, radius, `boxes` (k, 4) x0, y0, x1, y1; `albedo` of the ground and of the marks. What is
+    printed at x stands at x `scale_x`. Cells of `place` (x0, y0, side), `cells` rows and columns of them, say which
+    discs and which boxes may reach there: `items[starts[cell] : starts[cell + 1]]`.
+    """
+
+    discs: Float64Array
+    boxes: Float64Array
+    albedo: tuple[float, float]
+    scale_x: float
+    place: Float64Array
+    cells: tuple[int, int]
+    starts: tuple[Array, Array]
+    items: tuple[Array, Array]
+
+
+@dataclass(frozen=True)
 class Shape:
     """An object: triangles with smooth normals, or a sphere around its origin.
 
-    `albedo` (m,) of each vertex is relative to the scene's albedo.
+    `albedo` (m,) of each vertex is relative to the scene's albedo, and so is what is `printed` on z = 0.
     """
 
     vertices_mm: Float64Array
@@ -32,6 +51,7 @@ class Shape:
     normals: Float64Array
     albedo: Float32Array
     sphere_radius_mm: float = 0.0
+    printed: Print | None = None
 
 
 def sphere_shape(radius_mm: float) -> Shape:
