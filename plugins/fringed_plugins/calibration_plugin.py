@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
+from fringed_plugins.calibrators.pixel_models import FitPixelModel
 
 
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
-    return ()
+    return (FitPixelModel,)

@@ -53,6 +53,13 @@ class Axis(NamedTuple):
     distortion: Float64Array  # (5,) k1, k2, p1, p2, k3 with p1 and p2 swapped for rows
 
 
+def fixed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a C-ordered read-only view, so that one compiled kernel serves all callers."""
+    view = np.ascontiguousarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
 def projector_axis(projector: Pinhole, T_projector_camera: Float64Array, orientation: str) -> Axis:
     """Return the projector's axis for phases that count "columns" or "rows".
 

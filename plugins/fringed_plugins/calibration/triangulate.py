@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from fringed_plugins.calibration import triangulate_kernel as kernel
 from fringed_plugins.calibration.depth_kernel import STEREO, PixelForm, Stereo
-from fringed_plugins.calibration.rig import Axis, Pinhole, camera_rays
+from fringed_plugins.calibration.rig import Axis, Pinhole, camera_rays, fixed
 from fringed_plugins.calibration.stereo import stereo_of
 from fringed_plugins.calibration.triangulate_kernel import Spread
 from fringed_plugins.parallel import run_rows
@@ -23,15 +23,8 @@ UInt8Array = npt.NDArray[np.uint8]
 UInt16Array = npt.NDArray[np.uint16]
 
 
-def _fixed(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a read-only view, so that one compiled kernel serves all callers."""
-    view = np.ascontiguousarray(array).view()
-    view.flags.writeable = False
-    return view
-
-
-_NO_MAP: Float32Array = _fixed(np.empty((0, 0), np.float32))
-_NO_TABLE: Float32Array = _fixed(np.empty((3, 0, 0), np.float32))
+_NO_MAP: Float32Array = fixed(np.empty((0, 0), np.float32))
+_NO_TABLE: Float32Array = fixed(np.empty((3, 0, 0), np.float32))
 _NO_FORM = PixelForm(STEREO, _NO_TABLE, np.zeros(4), 1.0, 0.0)
 _NO_STEREO = Stereo(np.eye(3), np.zeros(3), np.zeros(5), 1.0, 0.0, 1)
 
@@ -121,9 +114,9 @@ def _points(
 ) -> Points:  # fmt: skip
     tolerances, threads = wanted
     shape = measured.phase_rad.shape
-    noise = _fixed(measured.sigma_rad) if measured.sigma_rad is not None else _NO_MAP
-    maps = (camera_rays(camera, threads), _fixed(measured.phase_rad), noise, _fixed(measured.rejected))
-    light = _fixed(measured.background) if measured.background is not None else _NO_MAP
+    noise = fixed(measured.sigma_rad) if measured.sigma_rad is not None else _NO_MAP
+    maps = (camera_rays(camera, threads), fixed(measured.phase_rad), noise, fixed(measured.rejected))
+    light = fixed(measured.background) if measured.background is not None else _NO_MAP
     keeping = _keeping(tolerances, camera)
     factor, most = _global((*maps, light), (*models, keeping))
     keeping = keeping._replace(most_mm=most)
@@ -172,4 +165,4 @@ def _global(maps: Any, models: Any) -> tuple[np.float32, np.float32]:
 def _sample(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return about twenty thousand pixels (..., rows, columns), evenly spread."""
     step = max(1, int(np.sqrt(image.shape[-2] * image.shape[-1] / 20_000)))
-    return _fixed(image[..., ::step, ::step])
+    return fixed(image[..., ::step, ::step])

@@ -70,17 +70,23 @@ def checked(
             f"{name} takes a PhaseMap 'phase' and a Calibration 'calibration'; it was given "
             f"{type(phase).__name__} and {type(calibration).__name__}: calibrate the rig, or name its calibration file"
         )
+    check_pair(phase, calibration, params.any_rig, context)
+    return phase, calibration
+
+
+def check_pair(phase: PhaseMap, calibration: Calibration, any_rig: bool, context: Context) -> None:
+    """Raise DataError where a phase map is of another rig, camera or projector than the calibration."""
     _check_sizes(phase, calibration)
     taken, known = phase.provenance.rig, calibration.rig
-    if taken and known and taken != known and not params.any_rig:
-        told = f"the phase was taken by the rig {taken!r}, the calibration {calibration.hash} is of {known!r}"
-        if not phase.provenance.replayed:
-            raise DataError(
-                f"{told}; calibrate this rig, or name its own calibration file. Where both names mean one rig, set "
-                "any_rig = true"
-            )
-        context.log("warning", f"{told}: a station that replays has a name of its own; make sure they are one rig")
-    return phase, calibration
+    if any_rig or not taken or not known or taken == known:
+        return
+    told = f"the phase was taken by the rig {taken!r}, the calibration {calibration.hash} is of {known!r}"
+    if not phase.provenance.replayed:
+        raise DataError(
+            f"{told}; calibrate this rig, or name its own calibration file. Where both names mean one rig, set "
+            "any_rig = true"
+        )
+    context.log("warning", f"{told}: a station that replays has a name of its own; make sure they are one rig")
 
 
 def _check_sizes(phase: PhaseMap, calibration: Calibration) -> None:
