@@ -1,0 +1,149 @@
+"""A blurred ellipse fitted to the grey levels around it: centre, shape, blur and light at once.
+
+Owns the loop of Gauss and Newton on one window; `ellipses` prepares them. The picture of a mark is
+L (G + (M - G) Phi(-d / w)): light L = 1 + lx x + ly y, ground G, mark M, d the distance from the ellipse
+|A (x - c)| = 1, w the edge's blur. Least squares on it has the least variance that noise allows, and light that falls
+off does not pull the centre.
+"""
+
+from __future__ import annotations
+
+from math import erf, exp, sqrt
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+PARAMETERS = 10  # cx, cy, a11, a12, a22, w, G, M, lx, ly
+_LEAST_BLUR = 0.15
+_options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
+
+
+@njit(**_options)
+def _model(p: Any, x: float, y: float, row: Any) -> float:
+    """Return the grey level at (x, y) and write its derivatives by the parameters to `row`."""
+    rx, ry = x - p[0], y - p[1]
+    mx, my = p[2] * rx + p[3] * ry, p[3] * rx + p[4] * ry
+    q = sqrt(mx * mx + my * my)
+    q = max(q, 1e-6)
+    hx, hy = (p[2] * mx + p[3] * my) / q, (p[3] * mx + p[4] * my) / q  # the gradient of q
+    steep = sqrt(hx * hx + hy * hy)
+    steep = max(steep, 1e-12)
+    d = (q - 1.0) / steep
+    s = d / p[5]
+    inside = 0.5 - 0.5 * erf(s * 0.7071067811865476)
+    slope = 0.3989422804014327 * exp(-0.5 * s * s) if abs(s) < 12.0 else 0.0
+    light = 1.0 + p[8] * rx + p[9] * ry
+    value = p[6] + (p[7] - p[6]) * inside
+    by_d = -light * (p[7] - p[6]) * slope / p[5]
+    row[0] = -by_d * hx / steep - p[8] * value
+    row[1] = -by_d * hy / steep - p[9] * value
+    row[2] = by_d * mx * rx / (q * steep)
+    row[3] = by_d * (mx * ry + my * rx) / (q * steep)
+    row[4] = by_d * my * ry / (q * steep)
+    row[5] = -by_d * s
+    row[6] = light * (1.0 - inside)
+    row[7] = light * inside
+    row[8] = value * rx
+    row[9] = value * ry
+    return float(light * value)
+
+
+@njit(**_options)
+def _sums(image: Any, window: Any, reach: float, p: Any, out: Any) -> tuple[float, int]:
+    """Add up the normal equations of one window; return the squared misfit and the pixels that count."""
+    normal, right, row, shape = out
+    normal[:] = 0.0
+    right[:] = 0.0
+    total, count = 0.0, 0
+    for r in range(window[0], window[1]):
+        for c in range(window[2], window[3]):
+            rx, ry = c - shape[0], r - shape[1]
+            mx, my = shape[2] * rx + shape[3] * ry, shape[3] * rx + shape[4] * ry
+            if mx * mx + my * my > reach * reach or not np.isfinite(image[r, c]):
+                continue
+            off = image[r, c] - _model(p, float(c), float(r), row)
+            total += off * off
+            count += 1
+            for i in range(PARAMETERS):
+                right[i] += row[i] * off
+                for j in range(i + 1):
+                    normal[i, j] += row[i] * row[j]
+    for i in range(PARAMETERS):
+        for j in range(i):
+            normal[j, i] = normal[i, j]
+    return total, count
+
+
+@njit(**_options)
+def _acceptable(p: Any, start: Any) -> bool:
+    """Whether parameters are still those of the mark that was looked at."""
+    grown = (p[2] * p[4] - p[3] * p[3]) / (start[2] * start[4] - start[3] * start[3])
+    mx = start[2] * (p[0] - start[0]) + start[3] * (p[1] - start[1])
+    my = start[3] * (p[0] - start[0]) + start[4] * (p[1] - start[1])
+    return bool(p[5] > 0.0 and p[2] > 0.0 and p[4] > 0.0 and 0.25 < grown < 4.0 and mx * mx + my * my < 0.3)
+
+
+@njit(**_options)
+def fit_ellipses(first: int, end: int, image: Any, starts: Any, reach: float, out: Any) -> None:
+    """Fit the ellipses `first` to `end` from `starts` (n, 10); write them, deviations and misfits.
+
+    `out` is (fitted (n, 10), sigma (n, 2) of the centre, misfit (n,) RMS in grey levels; NaN where it failed).
+    """
+    fitted, sigma, misfit = out
+    normal, right = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
+    tried, row = np.empty(PARAMETERS), np.empty(PARAMETERS)
+    height, width = image.shape
+    for k in range(first, end):
+        p, start = fitted[k], starts[k]
+        p[:] = start
+        sigma[k, :] = np.nan
+        misfit[k] = np.nan
+        det = start[2] * start[4] - start[3] * start[3]
+        hx = reach * sqrt(start[3] ** 2 + start[4] ** 2) / det
+        hy = reach * sqrt(start[2] ** 2 + start[3] ** 2) / det
+        window = (
+            max(0, int(start[1] - hy)), min(height, int(start[1] + hy) + 2),
+            max(0, int(start[0] - hx)), min(width, int(start[0] + hx) + 2),
+        )  # fmt: skip
+        sums = (normal, right, row, start)
+        total, count = _sums(image, window, reach, p, sums)
+        damping = 1e-3
+        good = count > 3 * PARAMETERS
+        for _ in range(40):
+            if not good:
+                break
+            damped = normal.copy()
+            for i in range(PARAMETERS):
+                damped[i, i] = damped[i, i] * (1.0 + damping) + 1e-12
+            step = np.linalg.solve(damped, right)
+            for i in range(PARAMETERS):
+                tried[i] = p[i] + step[i]
+            tried[5] = max(tried[5], _LEAST_BLUR)
+            if not _acceptable(tried, start):
+                damping *= 10.0
+                if damping > 1e8:
+                    good = False
+                continue
+            now, count = _sums(image, window, reach, tried, sums)
+            if now <= total:
+                small = abs(tried[0] - p[0]) + abs(tried[1] - p[1]) < 1e-4 and total - now < 1e-6 * total
+                p[:] = tried
+                total = now
+                damping *= 0.2
+                if small:
+                    break
+            else:
+                damping *= 10.0
+                _sums(image, window, reach, p, sums)
+                if damping > 1e8:
+                    break
+        if good:
+            total, count = _sums(image, window, reach, p, sums)
+            variance = total / max(count - PARAMETERS, 1)
+            for i in range(PARAMETERS):
+                normal[i, i] += 1e-12 * (1.0 + normal[i, i])
+            covariance = np.linalg.inv(normal)
+            sigma[k, 0] = sqrt(max(covariance[0, 0] * variance, 0.0))
+            sigma[k, 1] = sqrt(max(covariance[1, 1] * variance, 0.0))
+            misfit[k] = sqrt(variance)
