@@ -45,7 +45,9 @@ def _numbers(array: Any) -> Any:
     if array.size == 0:
         return {"$empty": list(array.shape)}
     if array.dtype.kind == "f" and not np.isfinite(array).all():
-        return np.where(np.isfinite(array), array, None).tolist()
+        listed = array.astype(object)
+        listed[~np.isfinite(array)] = None
+        return listed.tolist()
     return array.tolist()
 
 

@@ -8,7 +8,7 @@ a folder.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import Meta
@@ -48,6 +48,7 @@ class CaptureTable(_Table, frozen=True, kw_only=True):
     bits: Annotated[int, Meta(ge=8, le=16, description="significant bits of 16-bit images")] | None = None
     calibration: Annotated[str, Meta(description="a calibration file of this station's format, for XYZ")] = ""
     pipeline: Annotated[str, Meta(description="the station's pipeline; chosen by family and sets when empty")] = ""
+    rig: Annotated[str, Meta(description="what the rig is called in products; the folder's name when empty")] = ""
     simulated: Annotated[bool, Meta(description="the images were rendered; every product says so")] = False
 
     @property
@@ -88,6 +89,7 @@ class CaptureDescription(_Table, frozen=True, kw_only=True):
     group: Annotated[list[GroupTable], Meta(min_length=1, max_length=64)]
     capture: CaptureTable = CaptureTable()
     sensor: SensorTable | None = None
+    board: Annotated[dict[str, Any], Meta(description="the calibration board of poses; `fringe board --toml`")] = {}
 
     def orientations(self) -> list[Orientation]:
         """Return what the groups count, each once, in their order."""

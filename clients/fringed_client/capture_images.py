@@ -19,8 +19,8 @@ from fringed_client.capture_patterns import COLOURS, sequence_of, used_images
 _CHANNELS = {"blue": 0, "green": 1, "red": 2}  # OpenCV's order
 
 
-def load_capture(folder: Path) -> tuple[CaptureDescription, dict[str, FrameSet]]:
-    """Read a capture folder: its description, and a FrameSet for each role.
+def load_capture(folder: Path, only: str = "") -> tuple[CaptureDescription, dict[str, FrameSet]]:
+    """Read a capture folder: its description, and a FrameSet for each role, or for that one only.
 
     Raises
     ------
@@ -31,7 +31,8 @@ def load_capture(folder: Path) -> tuple[CaptureDescription, dict[str, FrameSet]]
     sequence = sequence_of(described)
     problems: list[Problem] = []
     used, place = used_images(described), folder / described.capture.images
-    files = {role: _files(place, role, pattern, used, problems) for role, pattern in described.sets.items()}
+    wanted = {role: pattern for role, pattern in described.sets.items() if only in ("", role)}
+    files = {role: _files(place, role, pattern, used, problems) for role, pattern in wanted.items()}
     images = {role: [_read(path, place, described, problems) for path in paths] for role, paths in files.items()}
     _compare(images, files, place, problems)
     if problems:
@@ -40,7 +41,8 @@ def load_capture(folder: Path) -> tuple[CaptureDescription, dict[str, FrameSet]]
             tuple(problems),
         )
     settings = _settings(described, images)
-    provenance = Provenance(plugin=DESCRIPTION, rig=str(folder.name), simulated=described.capture.simulated)
+    rig = described.capture.rig or folder.absolute().name
+    provenance = Provenance(plugin=DESCRIPTION, rig=rig, simulated=described.capture.simulated)
     return described, {
         role: FrameSet(
             _stacked(kept, described.capture.one_shot), sequence, role, settings=settings, provenance=provenance

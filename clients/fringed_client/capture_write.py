@@ -21,8 +21,10 @@ from fringed_client.files import make_folder, write_aside
 from fringed_client.private import to_toml
 
 
-def write_capture(folder: Path, frame_sets: Mapping[str, FrameSet], calibration: str = "") -> Path:
-    """Write images and description; returns the description's path.
+def write_capture(
+    folder: Path, frame_sets: Mapping[str, FrameSet], calibration: str = "", board: Mapping[str, Any] | None = None
+) -> Path:
+    """Write images and description, and the board of poses; returns the description's path.
 
     Raises
     ------
@@ -31,7 +33,7 @@ def write_capture(folder: Path, frame_sets: Mapping[str, FrameSet], calibration:
     StorageError
         the folder cannot be written.
     """
-    text = _describe(frame_sets, calibration)
+    text = _describe(frame_sets, calibration) + (f"\n[board]\n{to_toml(board)}" if board else "")
     for role, frames in frame_sets.items():
         make_folder(folder / role)
         for number, indices in enumerate(_images(frames)):
@@ -90,6 +92,7 @@ def _describe(frame_sets: Mapping[str, FrameSet], calibration: str) -> str:
         "projector_px": [sequence.width_px, sequence.height_px],
         "projected": None if sequence.frames[0].shot >= 0 else sequence.frames[0].channel,
         "bits": any_set.settings.bits, "calibration": calibration or None, "simulated": any_set.provenance.simulated,
+        "rig": any_set.provenance.rig or None,
     }  # fmt: skip
     sets = {role: f"{role}/*.png" for role in frame_sets}
     text = f"[capture]\n{to_toml(capture)}\n[sets]\n{to_toml(sets)}"

@@ -235,9 +235,11 @@ class Station:
     ) -> ScanResult:
         return ScanResult(self._run(flows.submit(verb, asked, timeout_s, on_progress)), self.get)
 
-    def wait(self, id: str, on_progress: OnProgress | None = None, timeout_s: float = JOB_TIMEOUT_S) -> ScanResult:
-        """Wait for a scan or job that somebody else has started; it is left alone when the time is over."""
-        return ScanResult(self._run(flows.watch(id, timeout_s, on_progress)), self.get)
+    def wait(
+        self, id: str, on_progress: OnProgress | None = None, timeout_s: float = JOB_TIMEOUT_S, until: str = ""
+    ) -> ScanResult:
+        """Wait for a scan or job that was started before, to its end or that state; it is left alone after that."""
+        return ScanResult(self._run(flows.watch(id, timeout_s, on_progress, until=until)), self.get)
 
     def cancel(self, id: str) -> ScanState:
         """Stop a scan or job."""

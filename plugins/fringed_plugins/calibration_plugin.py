@@ -7,9 +7,10 @@ from typing import Any
 
 from fringed.hookspecs import hookimpl
 from fringed_plugins.calibrators.pixel_models import FitPixelModel
+from fringed_plugins.calibrators.trueness import ExpectedTrueness
 
 
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
-    return (FitPixelModel,)
+    return (ExpectedTrueness, FitPixelModel)

@@ -22,6 +22,8 @@ COMMANDS = {
     "exposure": ("exposure", "Suggest exposures for what stands before the rig."),
     "latency": ("scanning", "Measure the display-to-camera delay."),
     "tone": ("tone", "Measure, verify and show the projector's tone curve."),
+    "calibrate": ("calibrate", "Calibrate the rig from poses of a board, or a folder of images."),
+    "calibration": ("calibration", "List, show, compare and choose calibrations."),
     "list": ("records", "List what is recorded, newest first."),
     "get": ("records", "Fetch one recording: its figures, or a file of it."),
     "export": ("records", "Write products as PLY, PCD, XYZ, STL, OBJ, TIFF or NPZ."),

@@ -109,11 +109,12 @@ def watch(
     timeout_s: float,
     on_progress: OnProgress | None = None,
     clock: Callable[[], float] = time.monotonic,
+    until: str = "",
 ) -> Flow[ScanState]:
-    """Wait for what somebody else started; whoever stops waiting leaves it running."""
+    """Wait for what was started before, to its end or to the state `until`; whoever stops waiting leaves it running."""
     deadline = clock() + timeout_s
     state: ScanState = yield Call("wait", {"id": scan_id, "timeout_s": 0.0})
-    while state.state not in FINISHED:
+    while state.state not in FINISHED and state.state != until:
         if on_progress is not None:
             on_progress(state)
         left_s = deadline - clock()

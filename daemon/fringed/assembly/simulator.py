@@ -10,6 +10,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from fringed.config import validate
 from fringed.config.simulated import SceneConfig
 from fringed.data import Mesh, new_id
@@ -34,7 +36,7 @@ class Simulator:
         self._rig = rig
 
     def set_scene(self, scene: Mapping[str, Any], done: Done, failed: Failed) -> None:
-        """Put another scene in front of the rig; one of `done` and `failed` is called later."""
+        """Put another scene in front of the rig; `done`, with the former scene, or `failed` is called later."""
         from fringed.simulation.shapes import OBJECTS
 
         config = validate(scene, SceneConfig, "simulation.scene")
@@ -79,13 +81,13 @@ class Simulator:
 
     def _place(self, config: SceneConfig, mesh: Mesh | None, done: Done, failed: Failed) -> None:
         """Build it in the loader's thread: a mesh file is read from the disk."""
-        self._house.in_thread(
-            self._house.loader, partial(self._rig.set_scene, config, mesh), partial(self._placed, done), failed
-        )
+        before = msgspec.to_builtins(self._rig.scene)
+        placed = partial(self._placed, done, before)
+        self._house.in_thread(self._house.loader, partial(self._rig.set_scene, config, mesh), placed, failed)
 
-    def _placed(self, done: Done, answer: Any) -> None:
+    def _placed(self, done: Done, before: Mapping[str, Any], _: Any) -> None:
         self._house.no_scene = None
-        done(answer)
+        done(before)
 
     def _refused(self, name: str, failed: Failed, error: ErrorInfo, _: bool) -> None:
         if error.code == "NotFound":

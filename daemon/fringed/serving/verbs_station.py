@@ -28,7 +28,7 @@ class Simulator(Protocol):
     def set_scene(
         self, scene: Mapping[str, Any], done: Callable[[Any], None], failed: Callable[[FringedError], None]
     ) -> None:
-        """Put another scene in front of it; one of the two is called later."""
+        """Put another scene in front of it; `done`, with the former scene, or `failed` is called later."""
 
     def order_fault(self, fault: str, count: int) -> None:
         """Have the next `count` frames struck by a fault."""
@@ -115,7 +115,7 @@ class StationVerbs:
         taking = [record.id for record in self.house.records.running if record.state == "acquiring"]
         if taking:  # its truth would be that of another scene
             raise UsageError(f"scan {taking[0]} is taking its sets; change the scene once it has, or cancel it")
-        simulator.set_scene(call.get("scene", dict), lambda _: call.reply({}), call.fail)
+        simulator.set_scene(call.get("scene", dict), lambda before: call.reply({"before": before}), call.fail)
         return LATER
 
     def _fault(self, call: Call) -> Any:
