@@ -158,13 +158,14 @@ def range_image(
     by_model = _by_pixels if calibration.model == "pixel" else _by_stereo
     points = by_model(phase, absolute_rad, calibration, tolerances, context.threads)
     simulated = phase.provenance.simulated or calibration.source == "exact-simulated"
+    digest = calibration.hash  # of a model of each pixel, it is a hash of many megabytes
     return RangeImage(
         xyz_mm=points.xyz_mm,
         rejected=points.rejected,
         intensity=points.intensity,
         sigma_mm=points.sigma_mm if phase.sigma_rad is not None else None,
-        calibration=calibration.hash,
-        provenance=Provenance(calibration=calibration.hash, rig=calibration.rig, simulated=simulated),
+        calibration=digest,
+        provenance=Provenance(calibration=digest, rig=calibration.rig, simulated=simulated),
     )
 
 
