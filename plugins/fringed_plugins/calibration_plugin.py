@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
+from fringed_plugins.calibrators.detect_board import DetectBoard
 from fringed_plugins.calibrators.pixel_models import FitPixelModel
 from fringed_plugins.calibrators.trueness import ExpectedTrueness
 
@@ -13,4 +14,4 @@ from fringed_plugins.calibrators.trueness import ExpectedTrueness
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
-    return (ExpectedTrueness, FitPixelModel)
+    return (DetectBoard, ExpectedTrueness, FitPixelModel)

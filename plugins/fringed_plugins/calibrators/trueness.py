@@ -35,6 +35,7 @@ class ExpectedTrueness:
     version: ClassVar[str] = __version__
     summary: ClassVar[str] = "a calibration to the deviation of points that it leaves, over the volume"
     inputs: ClassVar[Mapping[str, Any]] = {"calibration": Calibration}
+    optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = Artifact
 
     class Params(hookspecs.Params, frozen=True, kw_only=True):

@@ -26,7 +26,7 @@ _CORNER_PX = 0.04  # what OpenCV's corners are good to, at the least
 
 def detect_board(
     picture: npt.NDArray[Any], spec: BoardSpec, *, saturated: npt.NDArray[np.bool_] | None = None,
-    limits: Limits = Limits(), threads: int = 0,
+    limits: Limits | None = None, threads: int = 0,
 ) -> Detection:  # fmt: skip
     """Return the board's points in `picture` (height, width) of any grey type, or the reason why there are none.
 
@@ -48,7 +48,7 @@ def detect_board(
     if finite.size < 0.01 * image.size or np.ptp(finite) < 1e-6 * max(1.0, float(np.abs(finite).max())):
         return Detection(False, "the picture is uniform: too dark, all too bright, or without a board")
     found = _circles(image, spec, threads) if spec.diameters_mm.any() else _corners(image, spec)
-    return _judged(found, image, spec, (saturated, limits))
+    return _judged(found, image, spec, (saturated, limits or Limits()))
 
 
 def _circles(image: Float32Array, spec: BoardSpec, threads: int) -> Detection:
@@ -57,7 +57,7 @@ def _circles(image: Float32Array, spec: BoardSpec, threads: int) -> Detection:
         marks = "dark" if spec.dark_marks else "light"
         return Detection(
             False,
-            f"{len(ellipses.px)} {marks} circles are seen: there is no board, it is out of focus, too dark or too small",
+            f"{len(ellipses.px)} {marks} circles are seen: no board, or one out of focus, too dark or too small",
             quality={"candidates": float(len(ellipses.px))},
         )
     big = _is_big(ellipses, spec)
@@ -155,13 +155,13 @@ def _words(quality: dict[str, float], points: int, every: int, limits: Limits) -
         )
     if quality["saturated"] > limits.max_saturated:
         problems.append(
-            f"saturated: {quality['saturated']:.1%} of the board's pixels, at most {limits.max_saturated:.1%}; shorten the "
-            "exposure, or turn the board out of the glare"
+            f"saturated: {quality['saturated']:.1%} of the board's pixels, at most {limits.max_saturated:.1%}; shorten "
+            "the exposure, or turn the board out of the glare"
         )
     if quality.get("blur_px", 0.0) > limits.max_blur_px:
         problems.append(
-            f"blurred: edges are {quality['blur_px']:.1f} px wide, at most {limits.max_blur_px:.1f}; hold the board still "
-            "and within the depth of focus"
+            f"blurred: edges are {quality['blur_px']:.1f} px wide, at most {limits.max_blur_px:.1f}; hold the board "
+            "still and within the depth of focus"
         )
     if quality.get("diameter_px", np.inf) < limits.min_diameter_px:
         problems.append(
@@ -170,7 +170,7 @@ def _words(quality: dict[str, float], points: int, every: int, limits: Limits) -
         )
     if quality.get("contrast", 1.0) < limits.min_contrast:
         problems.append(
-            f"low contrast: {quality['contrast']:.0%} between marks and ground, at least {limits.min_contrast:.0%}; more light"
+            f"low contrast: {quality['contrast']:.0%} of marks and ground, at least {limits.min_contrast:.0%}"
         )
     if points < every:
         problems.append(f"cut or covered: {points} of {every} points are seen")

@@ -85,65 +85,70 @@ def _acceptable(p: Any, start: Any) -> bool:
 
 
 @njit(**_options)
+def _window(start: Any, reach: float, shape: Any) -> Any:
+    """Return the rows and columns that hold an ellipse, `reach` times as large."""
+    det = start[2] * start[4] - start[3] * start[3]
+    hx = reach * sqrt(start[3] ** 2 + start[4] ** 2) / det
+    hy = reach * sqrt(start[2] ** 2 + start[3] ** 2) / det
+    return (
+        max(0, int(start[1] - hy)), min(shape[0], int(start[1] + hy) + 2),
+        max(0, int(start[0] - hx)), min(shape[1], int(start[0] + hx) + 2),
+    )  # fmt: skip
+
+
+@njit(**_options)
+def _fit(image: Any, window: Any, reach: float, p: Any, sums: Any) -> bool:
+    """Improve `p` until it moves no more, by damped steps; return whether it stayed with the mark."""
+    normal, right, _, start = sums
+    tried, damped = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
+    total, count = _sums(image, window, reach, p, sums)
+    damping = 1e-3
+    for _ in range(40 if count > 3 * PARAMETERS else 0):
+        damped[:] = normal
+        for i in range(PARAMETERS):
+            damped[i, i] = damped[i, i] * (1.0 + damping) + 1e-12
+        tried[:] = p + np.linalg.solve(damped, right)
+        tried[5] = max(tried[5], _LEAST_BLUR)
+        now = np.inf
+        if _acceptable(tried, start):
+            now, count = _sums(image, window, reach, tried, sums)
+        if now <= total:
+            small = abs(tried[0] - p[0]) + abs(tried[1] - p[1]) < 1e-4 and total - now < 1e-6 * total
+            p[:] = tried
+            total = now
+            damping *= 0.2
+            if small:
+                break
+        else:
+            damping *= 10.0
+            _sums(image, window, reach, p, sums)
+            if damping > 1e8:
+                break
+    return bool(count > 3 * PARAMETERS and _acceptable(p, start))
+
+
+@njit(**_options)
 def fit_ellipses(first: int, end: int, image: Any, starts: Any, reach: float, out: Any) -> None:
     """Fit the ellipses `first` to `end` from `starts` (n, 10); write them, deviations and misfits.
 
     `out` is (fitted (n, 10), sigma (n, 2) of the centre, misfit (n,) RMS in grey levels; NaN where it failed).
     """
     fitted, sigma, misfit = out
-    normal, right = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
-    tried, row = np.empty(PARAMETERS), np.empty(PARAMETERS)
-    height, width = image.shape
+    normal, right, row = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS), np.empty(PARAMETERS)
     for k in range(first, end):
         p, start = fitted[k], starts[k]
         p[:] = start
         sigma[k, :] = np.nan
         misfit[k] = np.nan
-        det = start[2] * start[4] - start[3] * start[3]
-        hx = reach * sqrt(start[3] ** 2 + start[4] ** 2) / det
-        hy = reach * sqrt(start[2] ** 2 + start[3] ** 2) / det
-        window = (
-            max(0, int(start[1] - hy)), min(height, int(start[1] + hy) + 2),
-            max(0, int(start[0] - hx)), min(width, int(start[0] + hx) + 2),
-        )  # fmt: skip
+        window = _window(start, reach, image.shape)
         sums = (normal, right, row, start)
+        if not _fit(image, window, reach, p, sums):
+            continue
         total, count = _sums(image, window, reach, p, sums)
-        damping = 1e-3
-        good = count > 3 * PARAMETERS
-        for _ in range(40):
-            if not good:
-                break
-            damped = normal.copy()
-            for i in range(PARAMETERS):
-                damped[i, i] = damped[i, i] * (1.0 + damping) + 1e-12
-            step = np.linalg.solve(damped, right)
-            for i in range(PARAMETERS):
-                tried[i] = p[i] + step[i]
-            tried[5] = max(tried[5], _LEAST_BLUR)
-            if not _acceptable(tried, start):
-                damping *= 10.0
-                if damping > 1e8:
-                    good = False
-                continue
-            now, count = _sums(image, window, reach, tried, sums)
-            if now <= total:
-                small = abs(tried[0] - p[0]) + abs(tried[1] - p[1]) < 1e-4 and total - now < 1e-6 * total
-                p[:] = tried
-                total = now
-                damping *= 0.2
-                if small:
-                    break
-            else:
-                damping *= 10.0
-                _sums(image, window, reach, p, sums)
-                if damping > 1e8:
-                    break
-        if good:
-            total, count = _sums(image, window, reach, p, sums)
-            variance = total / max(count - PARAMETERS, 1)
-            for i in range(PARAMETERS):
-                normal[i, i] += 1e-12 * (1.0 + normal[i, i])
-            covariance = np.linalg.inv(normal)
-            sigma[k, 0] = sqrt(max(covariance[0, 0] * variance, 0.0))
-            sigma[k, 1] = sqrt(max(covariance[1, 1] * variance, 0.0))
-            misfit[k] = sqrt(variance)
+        variance = total / max(count - PARAMETERS, 1)
+        for i in range(PARAMETERS):
+            normal[i, i] += 1e-12 * (1.0 + normal[i, i])
+        covariance = np.linalg.inv(normal)
+        sigma[k, 0] = sqrt(max(covariance[0, 0] * variance, 0.0))
+        sigma[k, 1] = sqrt(max(covariance[1, 1] * variance, 0.0))
+        misfit[k] = sqrt(variance)

@@ -25,7 +25,7 @@ _LEAST_PX = 2.5  # half axis
 
 
 class Ellipses(NamedTuple):
-    """Ellipses: `px` (n, 2) centres, `shape` (n, 3) a11, a12, a22 of |A (x - c)| = 1, deviations (n,), and the fit's rest.
+    """Ellipses: `px` (n, 2) centres, `shape` (n, 3) a11, a12, a22 of |A (x - c)| = 1, `sigma_px` (n,) of a coordinate.
 
     `blur_px`, `ground` and `mark` (grey levels), `misfit` (grey levels), all (n,).
     """

@@ -69,7 +69,7 @@ def _basis(px: Float64Array, near: list[list[int]], seed: int) -> tuple[Float64A
 
 
 def _grown(px: Float64Array, near: list[list[int]], seed: int) -> dict[int, tuple[int, int]]:
-    """Number everything that can be reached from the seed, the surest step first."""
+    """Return the numbers of everything that can be reached from the seed, the surest step first."""
     from scipy.spatial import cKDTree
 
     basis = _basis(px, near, seed)

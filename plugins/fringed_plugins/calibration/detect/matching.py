@@ -38,7 +38,8 @@ def board_lattice(spec: BoardSpec) -> Int32Array:
     place = spec.points_mm[:, :2] / spec.pitch_mm
     if spec.kind == "asymmetric-circles":  # rows half a pitch apart, shifted by half: a square lattice on its corner
         place = np.stack([place[:, 0] + place[:, 1], place[:, 1] - place[:, 0]], -1)
-    return np.rint(place - place[0]).astype(np.int32)
+    lattice: Int32Array = np.rint(place - place[0]).astype(np.int32)
+    return lattice
 
 
 def match(lattice: Int32Array, known: Bools, big: Bools, spec: BoardSpec, px: Float64Array) -> Match:
@@ -68,8 +69,8 @@ def match(lattice: Int32Array, known: Bools, big: Bools, spec: BoardSpec, px: Fl
 def _few_big(big: Bools, known: Bools) -> str:
     count = int((big & known).sum())
     return (
-        f"{count} large circles among {int(known.sum())} of the grid do not make the five; at least {_LEAST_BIG} of them "
-        "have to be seen, and the board has to be the one that is configured"
+        f"{count} large circles among {int(known.sum())} of the grid do not make the five; at least {_LEAST_BIG} of "
+        "them have to be seen, and the board has to be the one that is configured"
     )
 
 

@@ -5,6 +5,8 @@ Owns a homography and a polynomial on it, which together follow perspective and 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -13,7 +15,7 @@ _LEAST = 16  # points from which on distortion is fitted as well
 
 
 def grid_residuals(board: Float64Array, seen: Float64Array) -> Float64Array:
-    """Return what is left (n, 2) px of `seen` (n, 2) after a robust fit on `board` (n, 2); NaN where nothing can be said.
+    """Return what is left (n, 2) px of `seen` (n, 2) after a robust fit on `board` (n, 2), NaN with too few points.
 
     Rounds of fitting leave out what is off by more than five times the middle deviation.
     """
@@ -21,9 +23,9 @@ def grid_residuals(board: Float64Array, seen: Float64Array) -> Float64Array:
 
     if len(board) < 6:
         return np.full(seen.shape, np.nan)
-    scale = np.abs(board - board.mean(axis=0)).max() or 1.0
+    scale = float(np.abs(board - board.mean(axis=0)).max()) or 1.0
     place = (board - board.mean(axis=0)) / scale
-    H, _ = cv2.findHomography(place, seen, cv2.LMEDS)
+    H: Any = cv2.findHomography(place, seen, cv2.LMEDS)[0]
     if H is None:
         return np.full(seen.shape, np.nan)
     good = np.ones(len(place), bool)
@@ -40,7 +42,7 @@ def grid_residuals(board: Float64Array, seen: Float64Array) -> Float64Array:
         if (chosen == good).all() or chosen.sum() < 8:
             break
         good = chosen
-        again, _ = cv2.findHomography(place[good], seen[good], 0)
+        again: Any = cv2.findHomography(place[good], seen[good], 0)[0]
         H = again if again is not None else H
     return np.asarray(residual)
 
@@ -56,7 +58,7 @@ def tilt_deg(board: Float64Array, seen: Float64Array, size: tuple[int, int]) -> 
 
     if len(board) < 4:
         return float("nan")
-    H, _ = cv2.findHomography(board, seen, 0)
+    H: Any = cv2.findHomography(board, seen, 0)[0]
     if H is None:
         return float("nan")
     focal = 1.8 * max(size)
