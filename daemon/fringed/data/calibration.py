@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -61,8 +62,8 @@ class PixelModel(Frozen):
     and c, with x and y on the pixel's ray. "polynomial": x, y and z are polynomials of p, k / 3 coefficients each, the
     lowest power first. "height": the reference plane's formula, L and 2 pi f0 D of h = L d / (d + 2 pi f0 D), d the
     phase minus the plane's, which is the third one. p is `(phase - phase_offset_rad) * phase_scale`, for fringes of
-    `period_px` along `orientation`. `z_range_mm` is where it was fitted: beyond, nothing is known. `sigma_mm` is the
-    scatter of the planes about it.
+    `period_px` along `orientation`. `z_range_mm` is where it was fitted: beyond, nothing is known. `sigma_mm` is how
+    well it is known along the ray, from the scatter of the planes about it.
     """
 
     form: Literal["rational", "polynomial", "height"]
@@ -147,7 +148,7 @@ class Calibration(Frozen):
         if self.model == "pixel" and self.pixel_model is None:
             raise DataError("a calibration whose model is 'pixel' has to hold one in pixel_model")
 
-    @property
+    @cached_property
     def hash(self) -> str:
         """Sixteen hexadecimal digits of the numbers that geometry depends on; products name it."""
         digest = xxhash.xxh3_64()
@@ -159,5 +160,5 @@ class Calibration(Frozen):
         if self.reference_plane is not None:
             digest.update(self.reference_plane.astype(np.float64).tobytes())
         if self.model == "pixel" and self.pixel_model is not None:
-            digest.update(self.pixel_model.coefficients.tobytes())
+            digest.update(self.pixel_model.coefficients.data)  # many megabytes: not copied
         return digest.hexdigest()

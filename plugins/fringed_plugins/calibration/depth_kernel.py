@@ -132,11 +132,8 @@ def _depths(ray: Any, phase: Any, stereo: Any, work: Any, out: Any) -> None:
 
 @njit(**_options)
 def solve_pixels(row: int, ray: Any, phase: Any, pixels: Any, out: Any) -> None:
-    """Write depth, its derivative by phase, and x and y over depth, of one row, by the pixels' own model."""
-    depth, by_phase, over_x, over_y = out
-    rays_x, rays_y = ray
-    for i in range(depth.size):
-        over_x[i], over_y[i] = rays_x[i], rays_y[i]
+    """Write depth, its derivative by phase, and of polynomials x and y over depth, of one row, by the pixels' model."""
+    depth, by_phase, _, _ = out
     if pixels.form == RATIONAL:
         _rational(pixels.coefficients[:, row], phase, (pixels.scale, pixels.origin), depth, by_phase)
     elif pixels.form == HEIGHT:

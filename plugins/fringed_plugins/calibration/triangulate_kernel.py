@@ -53,7 +53,7 @@ class Spread(NamedTuple):
 
 @njit(**_options)
 def _solve(row: int, measured: Any, models: Any, room: Any) -> None:
-    """Write depth, deviation by noise, and x and y over depth of a row, NaN where nothing is kept."""
+    """Write depth and deviation by noise of a row, NaN where nothing is kept; of polynomials, x and y over depth."""
     rays, phase, sigma, flags = measured
     stereo, pixels, keeping = models
     work, depth, noise, over_x, over_y = room
