@@ -16,7 +16,7 @@ import numpy as np
 from fringed.boards import Board, points_mm
 from fringed.data import Float64Array
 
-_EDGE = 0.95  # of the half picture; beyond, lenses lose light and the sheet's margin is cut
+_EDGE = 0.93  # of the half picture; beyond, circles and the ground beside them are cut
 
 
 @dataclass(frozen=True)
