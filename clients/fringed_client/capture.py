@@ -48,7 +48,7 @@ class CaptureTable(_Table, frozen=True, kw_only=True):
     bits: Annotated[int, Meta(ge=8, le=16, description="significant bits of 16-bit images")] | None = None
     calibration: Annotated[str, Meta(description="a calibration file of this station's format, for XYZ")] = ""
     pipeline: Annotated[str, Meta(description="the station's pipeline; chosen by family and sets when empty")] = ""
-    rig: Annotated[str, Meta(description="what the rig is called in products; the folder's name when empty")] = ""
+    rig: Annotated[str, Meta(description="the rig, where it is known: a calibration of another one is refused")] = ""
     simulated: Annotated[bool, Meta(description="the images were rendered; every product says so")] = False
 
     @property

@@ -41,8 +41,7 @@ def load_capture(folder: Path, only: str = "") -> tuple[CaptureDescription, dict
             tuple(problems),
         )
     settings = _settings(described, images)
-    rig = described.capture.rig or folder.absolute().name
-    provenance = Provenance(plugin=DESCRIPTION, rig=rig, simulated=described.capture.simulated)
+    provenance = Provenance(plugin=DESCRIPTION, rig=described.capture.rig, simulated=described.capture.simulated)
     return described, {
         role: FrameSet(
             _stacked(kept, described.capture.one_shot), sequence, role, settings=settings, provenance=provenance
