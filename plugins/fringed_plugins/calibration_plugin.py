@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from fringed.hookspecs import hookimpl
+from fringed_plugins.calibrators.calibrate import Calibrate
 from fringed_plugins.calibrators.detect_board import DetectBoard
 from fringed_plugins.calibrators.pixel_models import FitPixelModel
 from fringed_plugins.calibrators.trueness import ExpectedTrueness
@@ -14,4 +15,4 @@ from fringed_plugins.calibrators.trueness import ExpectedTrueness
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
-    return (DetectBoard, ExpectedTrueness, FitPixelModel)
+    return (Calibrate, DetectBoard, ExpectedTrueness, FitPixelModel)

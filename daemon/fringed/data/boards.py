@@ -21,7 +21,7 @@ class BoardView(Frozen):
     centre of the ellipse as seen, which is not the picture of the circle's centre: `ellipses` (n, 5) has centre, half
     axes (px) and the angle (rad) of the first one; (0, 5) for corners. `projector_px` (n, 2) is the projector's
     column and row at `camera_px`, NaN where unknown, `projector_sigma_px` (n, 2) its deviation, `projector_jacobian`
-    (n, 2, 2) its derivative by the camera's x and y. `light` (n,) or (0,) is the modulation of the ground beside each
+    (n, 2, 2) its derivative by the camera's x and y. `light` (n,) or (0,) is the grey level of the ground beside each
     point, 0 where unknown. `quality` has figures of the view (`blur_px`, `contrast`, `saturated`, `tilt_deg`,
     `coverage` ...), `problems` what is wrong with it, worst first. `picture` (h, w) uint8 shows the board, reduced by
     `picture_step`.

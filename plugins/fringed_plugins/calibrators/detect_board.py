@@ -192,10 +192,10 @@ def _pitch_px(found: Detection, board: boards.Board) -> float:
 
 
 def _light(found: Detection, columns: PhaseMap) -> Float64Array:
-    """Return the modulation of the ground beside each circle, 0 where there is none."""
+    """Return the grey level of the ground beside each circle, 0 where unknown: blur does not change it."""
     if not len(found.ellipses):
         return np.zeros(len(found.index))
-    height, width = columns.modulation.shape
+    height, width = columns.background.shape
     light = np.zeros(len(found.index))
     for k, (x, y, long, short, angle) in enumerate(found.ellipses):
         turn = np.arange(24) * (2 * np.pi / 24)
@@ -205,7 +205,7 @@ def _light(found: Detection, columns: PhaseMap) -> Float64Array:
         inside = (c >= 0) & (c < width) & (r >= 0) & (r < height)
         kept = columns.rejected[r[inside], c[inside]] == 0
         if kept.sum() >= 12:
-            light[k] = float(np.mean(columns.modulation[r[inside], c[inside]][kept]))
+            light[k] = float(np.mean(columns.background[r[inside], c[inside]][kept]))
     return light
 
 

@@ -54,7 +54,7 @@ def estimate(
         views from which no rig can be told.
     """
     chosen = settings or Settings()
-    rig = start or initial_rig(seen, camera_size, projector_size)
+    rig = start or initial_rig(seen, camera_size, projector_size)[0]
     weights = all_used(seen, free_numbers(camera_k3=bool(chosen.k3), projector_k3=bool(chosen.k3)))
     found = adjust(seen, rig, weights, robust=True, tick=tick)
     for _ in range(chosen.rounds):

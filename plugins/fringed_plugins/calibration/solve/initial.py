@@ -19,8 +19,8 @@ Size = tuple[int, int]
 _LEAST_POINTS = 8
 
 
-def initial_rig(seen: Sequence[Observation], camera_size: Size, projector_size: Size) -> Rig:
-    """Return a rig that is near enough for the adjustment.
+def initial_rig(seen: Sequence[Observation], camera_size: Size, projector_size: Size) -> tuple[Rig, Float64Array]:
+    """Return a rig that is near enough for the adjustment, and T_projector_camera (v, 4, 4) by each view alone.
 
     References
     ----------
@@ -35,7 +35,7 @@ def initial_rig(seen: Sequence[Observation], camera_size: Size, projector_size: 
     lit = [(o.board_mm[o.lit], o.projector_px[o.lit]) for o in seen]
     projector, projector_poses = _lens(lit, projector_size, "projector")
     relative = projector_poses @ np.linalg.inv(camera_poses)
-    return Rig(camera, projector, middle_transform(relative), camera_poses)
+    return Rig(camera, projector, middle_transform(relative), camera_poses), relative
 
 
 def _lens(pairs: list[tuple[Float64Array, Float64Array]], size: Size, name: str) -> tuple[Pinhole, Float64Array]:

@@ -1,0 +1,192 @@
+"""Whether every view tells of the same rig and the same board: what each one says of them by itself.
+
+Owns what each view says by itself after an adjustment: the board's scale, the projector's place, a stretched print.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from fringed_plugins.calibration.solve.adjustment import Adjusted
+from fringed_plugins.calibration.solve.findings import Finding
+from fringed_plugins.calibration.solve.initial import middle_transform
+from fringed_plugins.calibration.solve.observations import Observation, Rig, moved, rotation_vector
+from fringed_plugins.calibration.solve.projection import POSE, STEREO, bias_px, predicted
+
+Float64Array = npt.NDArray[np.float64]
+
+MOVED_DEG, MOVED_MM = 0.02, 0.3  # least that counts as a moved rig
+_SIGMAS = 8.0
+_STRETCH, _STRETCH_SIGMAS = 5e-4, 6.0
+_LEFT_OUT = 0.4  # share of a view's points that may be off before the view is
+_WORSE = 4.0  # times the others' residuals
+
+
+def deviating(seen: Sequence[Observation], found: Adjusted) -> list[int]:
+    """Return the views that do not fit with the others: many points left out, or residuals far above the others'."""
+    rms, lost = [], []
+    for v, part in enumerate(found.residuals):
+        camera, projector = found.weights.camera_used[v], found.weights.projector_used[v]
+        lit = max(int(seen[v].lit.sum()), 1)
+        lost.append(max(1 - camera.mean(), 1 - projector.sum() / lit))
+        every = [np.linalg.norm(part.camera, axis=1), np.linalg.norm(part.projector[seen[v].lit], axis=1)]
+        rms.append([float(np.sqrt(np.mean(e**2))) if e.size else 0.0 for e in every])
+    typical = np.maximum(np.median(rms, axis=0), 1e-6)
+    limit = np.maximum(_WORSE * typical, 0.02)
+    worse = [bool((np.array(own) > limit).any()) for own in rms]
+    return [v for v in range(len(seen)) if lost[v] > _LEFT_OUT or (worse[v] and lost[v] > 0.05) or max(rms[v]) > 3.0]
+
+
+def why(observed: Observation, rig: Rig) -> str:
+    """Return why a view does not fit: a board of another size, a projector that moved, or something else."""
+    pose = _pose_of(observed, rig)
+    scale = _scale(observed, rig, pose)
+    if scale is not None and abs(scale[0] - 1) > 5 * scale[1] and abs(scale[0] - 1) > 2e-4 and scale[2] < 0.3:
+        size = f"{abs(scale[0] - 1):.2%} {'larger' if scale[0] > 1 else 'smaller'}"
+        return f"its board is {size} than that of the other views: another board, or another pitch"
+    step, rms = _projector_moved(observed, rig, pose)
+    angle, shift = float(np.degrees(np.linalg.norm(step[:3]))), float(np.linalg.norm(step[3:]))
+    if rms < 0.3 and (angle > MOVED_DEG or shift > MOVED_MM):
+        return f"in it the projector stands elsewhere: turned by {angle:.2f} degrees, moved by {shift:.1f} mm"
+    return "it fits neither the other views' rig nor their board: did something move while it was taken?"
+
+
+def _pose_of(observed: Observation, rig: Rig) -> Float64Array:
+    """Return the board's pose (4, 4) by the camera alone."""
+    import cv2
+
+    turn, shift = cv2.solvePnP(observed.board_mm, observed.camera_px, rig.camera.matrix, rig.camera.distortion)[1:]
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
+    return pose
+
+
+def _scale(observed: Observation, rig: Rig, pose: Float64Array) -> tuple[float, float, float] | None:
+    """Return the board's size over the stated one, its deviation, and what is left (px RMS); None where it diverges."""
+    scale, deviation, rms = 1.0, np.inf, np.inf
+    for _ in range(12):
+        scaled = Observation(**{**observed.__dict__, "board_mm": observed.board_mm * scale})
+        part = predicted(scaled, rig, pose, bias_px(scaled, rig.camera, pose))
+        grown = (scaled.board_mm @ pose[:3, :3].T) / scale
+        lit = observed.lit
+        J, off = [], []
+        for residual, by, use in (
+            (part.camera, part.by_camera, np.ones_like(lit)),
+            (part.projector, part.by_projector, lit),
+        ):
+            own = by[..., POSE]
+            J.append(
+                np.concatenate([own, np.einsum("nij,nj->ni", own[..., 3:], grown)[..., None]], -1)[use].reshape(-1, 7)
+            )
+            off.append(residual[use].ravel())
+        every, left = np.concatenate(J), np.concatenate(off)
+        step, *_ = np.linalg.lstsq(every, left, rcond=None)
+        pose, scale = moved(pose, np.asarray(step[:6], np.float64)), scale + float(step[6])
+        if not 0.2 < scale < 5:
+            return None
+        rms = float(np.sqrt(np.mean(left**2) * 2))
+        deviation = rms * float(np.sqrt(np.linalg.pinv(every.T @ every)[6, 6]))
+        if abs(step[6]) < 1e-9:
+            break
+    return scale, deviation, rms
+
+
+def _projector_moved(observed: Observation, rig: Rig, pose: Float64Array) -> tuple[Float64Array, float]:
+    """Return where the projector stands instead (6,), and what is left (px RMS)."""
+    transform, lit = rig.T_projector_camera, observed.lit
+    rms = np.inf
+    for _ in range(15):
+        now = rig.with_(T_projector_camera=transform)
+        part = predicted(observed, now, pose, bias_px(observed, rig.camera, pose))
+        J = part.by_projector[lit][..., STEREO].reshape(-1, 6)
+        step, *_ = np.linalg.lstsq(J, part.projector[lit].ravel(), rcond=None)
+        transform = moved(transform, np.asarray(step, np.float64))
+        rms = float(np.sqrt(np.mean(part.projector[lit] ** 2) * 2)) if lit.any() else np.inf
+        if np.linalg.norm(step[:3]) < 1e-10:
+            break
+    turn = rotation_vector(transform[:3, :3] @ rig.T_projector_camera[:3, :3].T)
+    return np.concatenate([turn, transform[:3, 3] - rig.T_projector_camera[:3, 3]]), rms
+
+
+def moved_between(seen: Sequence[Observation], transforms: Float64Array) -> list[Finding]:
+    """Say where the rig moved: from one view on, T_projector_camera (v, 4, 4) of each view by itself is another one.
+
+    One view alone that differs is none of this: it is left out instead.
+    """
+    middle = middle_transform(transforms)
+    turn = np.array([np.degrees(rotation_vector(t[:3, :3] @ middle[:3, :3].T)) for t in transforms])
+    shift = np.array([(t[:3, 3] - middle[:3, 3]) for t in transforms])
+    best: tuple[float, int, float, float] | None = None
+    for split in range(2, len(seen) - 1):
+        parts = [(values[:split], values[split:]) for values in (turn, shift)]
+        jumps = [float(np.linalg.norm(np.median(b, axis=0) - np.median(a, axis=0))) for a, b in parts]
+        noise = [
+            float(
+                np.median(np.linalg.norm(np.concatenate([a - np.median(a, axis=0), b - np.median(b, axis=0)]), axis=1))
+            )
+            for a, b in parts
+        ]
+        sure = max(jumps[0] / max(noise[0], MOVED_DEG / _SIGMAS), jumps[1] / max(noise[1], MOVED_MM / _SIGMAS))
+        if sure > _SIGMAS and (best is None or sure > best[0]):
+            best = (sure, split, jumps[0], jumps[1])
+    if best is None:
+        return []
+    _, split, angle, length = best
+    return [
+        Finding(
+            seen[split].name,
+            f"the rig moved between {seen[split - 1].name} and {seen[split].name}: from there on the projector is "
+            f"turned by {angle:.2f} degrees and moved by {length:.1f} mm against the camera; fix both, and take the "
+            "views again",
+            True,
+        )
+    ]
+
+
+def stretched(seen: Sequence[Observation], found: Adjusted) -> list[Finding]:
+    """Say whether the print is longer along x than along y: one more number, estimated with all the others.
+
+    It can be told only where boards were turned in their plane; otherwise its deviation is large, and nothing is said.
+    """
+    value, deviation = anisotropy(seen, found)
+    if not np.isfinite(deviation) or abs(value) < max(_STRETCH, _STRETCH_SIGMAS * deviation):
+        return []
+    more = "longer" if value > 0 else "shorter"
+    text = f"the print is {abs(value):.2%} {more} along x than along y (known to {deviation:.2%})"
+    return [Finding("", f"{text}: was it scaled by the printer? Measure both directions, and print it again", True)]
+
+
+def anisotropy(seen: Sequence[Observation], found: Adjusted) -> tuple[float, float]:
+    """Return the board's x pitch over its y pitch minus 1, and its deviation, to the first order."""
+    weights, rig = found.weights, found.rig
+    free = np.append(weights.free, True)
+    total, side = np.zeros((25, 25)), np.zeros(25)
+    for v, (observed, part) in enumerate(zip(seen, found.residuals, strict=True)):
+        along = observed.board_mm.copy()
+        along[:, 1:] = 0.0
+        grown = along @ rig.poses[v, :3, :3].T
+        own, right = np.zeros((31, 31)), np.zeros(31)
+        spread = np.repeat(observed.camera_sigma_px[:, None], 2, axis=1) * weights.camera_factor
+        lit = observed.projector_sigma_px * weights.projector_factor
+        for off, by, sigma, used in (
+            (part.camera, part.by_camera, spread, weights.camera_used[v]),
+            (part.projector, part.by_projector, lit, weights.projector_used[v]),
+        ):
+            more = np.einsum("nij,nj->ni", by[..., POSE][..., 3:], grown)[..., None]
+            J = (np.concatenate([by[..., :24], more, by[..., POSE]], -1)[used] / sigma[used][..., None]).reshape(-1, 31)
+            own += J.T @ J
+            right += J.T @ (off[used] / sigma[used]).ravel()
+        inverse = np.linalg.pinv(own[25:, 25:], hermitian=True)
+        total += own[:25, :25] - own[:25, 25:] @ inverse @ own[25:, :25]
+        side += right[:25] - own[:25, 25:] @ inverse @ right[25:]
+    part_ = total[np.ix_(free, free)]
+    scale = 1 / np.sqrt(np.maximum(np.diag(part_), 1e-300))
+    scaled = part_ * scale[:, None] * scale
+    values, _ = np.linalg.eigh(scaled)
+    if values[0] < 1e-12:
+        return 0.0, float("inf")
+    inverse = np.linalg.inv(scaled) * scale[:, None] * scale
+    return float((inverse @ side[free])[-1]), float(np.sqrt(inverse[-1, -1]))
