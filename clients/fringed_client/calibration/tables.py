@@ -40,11 +40,11 @@ def headline(found: Calibration, trueness: Mapping[str, Any] | None) -> dict[str
         told["of the camera's picture covered"] = f"{figures['coverage']:.0%}"
     if "tilt_spread_deg" in figures:
         told["spread of the board's tilts"] = f"{figures['tilt_spread_deg']:.0f}°"
-    told["distance of camera and projector"] = f"{number(baseline_mm(found), _baseline_sigma(found))} mm"
+    told["distance of camera and projector"] = f"{number(baseline_mm(found), baseline_sigma(found))} mm"
     return told
 
 
-def _baseline_sigma(found: Calibration) -> float | None:
+def baseline_sigma(found: Calibration) -> float | None:
     """Return the standard deviation of the distance: the covariance of the translation along it."""
     names = [f"stereo.t{axis}" for axis in "xyz"]
     if found.covariance is None or not set(names) <= set(found.parameters):
@@ -93,8 +93,9 @@ def poses(views: Sequence[BoardView], found: Calibration) -> Table:
     rows = []
     for view in views:
         fit, quality = fits.get(view.id), view.quality
-        tilt = _tilt_deg(fit) if fit is not None else quality.get("tilt_deg")
         said = view.reason or (fit.note if fit is not None else "") or "; ".join(view.problems)
+        fit = None if fit is not None and fit.note else fit  # one that is left out has no pose of its own
+        tilt = _tilt_deg(fit) if fit is not None else quality.get("tilt_deg")
         rows.append((
             view.name or view.id, len(view.index), _rms(fit, "camera"), _rms(fit, "projector"), _of(tilt, ".0f"),
             _of(fit.T_camera_board[2, 3] if fit is not None else None, ".0f"), _of(quality.get("blur_px"), ".2f"), said,

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from fringed.data import BoardView
-from fringed.errors import ConfigurationError, Problem, UsageError
+from fringed.errors import ConfigurationError, Problem, QualityError, UsageError
 from fringed_client.calibration.poses import Pose, plan, scene_of, words
 from fringed_client.calibration.session import Session
 
-Told = Callable[[BoardView], None]
+ATTEMPTS = 10
 
 
 class Progress(Protocol):
@@ -67,15 +67,25 @@ def held_poses(
     """Take each pose once `ready` says that the board is there; a pose whose board is not found is taken again.
 
     `ready` returns False to end the session before all poses are taken.
+
+    Raises
+    ------
+    QualityError
+        the board of one pose was not found ten times.
     """
     for pose in poses:
-        found = False
-        while not found:
+        for _ in range(ATTEMPTS):
             if not ready(pose):
                 return
             view = session.take(pose.name, progress.scan(pose.name))
-            found = view.found
             yield view
+            if view.found:
+                break
+        else:
+            raise QualityError(
+                f"{pose.name}: no board was found {ATTEMPTS} times, the last time because of this: {view.reason}; is "
+                "it the board that is configured ([board], --board)? What was found is kept: go on with --resume"
+            )
 
 
 def every(seconds: float, say: Callable[[str], None]) -> Callable[[Pose], bool]:

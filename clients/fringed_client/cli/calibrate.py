@@ -43,7 +43,7 @@ _SOURCE = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option(
     "--reference-plane", type=float, metavar="MM", help="Distance of the reference plane, where there is one."
 )
-@click.option("--tone", is_flag=True, help="Measure the projector's tone curve as well, on the last pose.")
+@click.option("--tone", is_flag=True, help="Measure the projector's tone curve too, on what stands there.")
 @click.option(
     "--output", "-o", "folder", type=_FOLDER, help="Report, pictures and calibration; default: named by date."
 )

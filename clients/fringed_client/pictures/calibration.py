@@ -92,15 +92,14 @@ def draw_coverage(path: Path, views: Sequence[BoardView], found: Calibration | N
 
 def _tilts(axes: Any, found: Calibration | None, count: int, simulated: bool) -> None:
     """Draw each pose as the direction that the board faces and how far, and its depth by the mark's size."""
-    fits = found.views if found is not None else ()
-    depths = [fit.T_camera_board[2, 3] for fit in fits]
-    for number, fit in enumerate(fits):
+    fits = [(number, fit) for number, fit in enumerate(found.views if found is not None else ()) if not fit.note]
+    depths = [fit.T_camera_board[2, 3] for _, fit in fits]
+    for number, fit in fits:
         normal = -fit.T_camera_board[:3, 2]
         tilt = np.rad2deg(np.arccos(np.clip(-normal[2], -1, 1)))
         facing = np.arctan2(-normal[1], normal[0])  # up in the picture is up here
-        near = (max(depths) - depths[number]) / max(max(depths) - min(depths), 1e-9)
-        face = "none" if fit.note else _colour(number, count)
-        axes.scatter(facing, tilt, s=30 + 90 * near, facecolors=face, edgecolors=_colour(number, count), linewidths=1.2)
+        near = (max(depths) - fit.T_camera_board[2, 3]) / max(max(depths) - min(depths), 1e-9)
+        axes.scatter(facing, tilt, s=30 + 90 * near, color=_colour(number, count), linewidths=0)
         axes.annotate((fit.name or str(number + 1)).rpartition("-")[2], (facing, tilt), fontsize=7, color=INK,
                       textcoords="offset points", xytext=(6, 4))  # fmt: skip
     axes.set_rlim(0, max(_RINGS_DEG))
