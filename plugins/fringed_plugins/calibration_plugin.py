@@ -8,6 +8,7 @@ from typing import Any
 from fringed.hookspecs import hookimpl
 from fringed_plugins.calibrators.calibrate import Calibrate
 from fringed_plugins.calibrators.detect_board import DetectBoard
+from fringed_plugins.calibrators.drift import CompareCalibrations, InfieldCorrection
 from fringed_plugins.calibrators.pixel_models import FitPixelModel
 from fringed_plugins.calibrators.trueness import ExpectedTrueness
 
@@ -15,4 +16,4 @@ from fringed_plugins.calibrators.trueness import ExpectedTrueness
 @hookimpl
 def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
-    return (Calibrate, DetectBoard, ExpectedTrueness, FitPixelModel)
+    return (Calibrate, CompareCalibrations, InfieldCorrection, DetectBoard, ExpectedTrueness, FitPixelModel)

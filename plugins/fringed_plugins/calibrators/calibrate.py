@@ -92,7 +92,7 @@ class Calibrate:
 
         try:
             found = calibrate_rig(
-                [_observed(views[v], v) for v in chosen],
+                [observed(views[v], v) for v in chosen],
                 first.camera_size_px,
                 first.projector_size_px,
                 demands,
@@ -162,7 +162,8 @@ def _with_left_out(text: str, left_out: Mapping[Any, str]) -> str:
     return f"{text} (left out: {more})" if more else text
 
 
-def _observed(view: BoardView, number: int) -> Observation:
+def observed(view: BoardView, number: int) -> Observation:
+    """Return a view as estimation wants it."""
     from fringed_plugins.calibration.solve.observations import Observation
 
     board = boards.board_of(view.board)
@@ -182,7 +183,7 @@ def _calibration(
 
     chosen, left_out = which
     rig = found.adjusted.rig
-    dark = falloffs([_observed(views[chosen[k]], chosen[k]) for k in found.used], rig)
+    dark = falloffs([observed(views[chosen[k]], chosen[k]) for k in found.used], rig)
     named = {name_of(views[k], k): text for k, text in left_out.items()}
     notes = (*(f"{name} was left out: {text}" for name, text in named.items()), *found.notes)
     first = views[chosen[0]]

@@ -42,7 +42,7 @@ def deviating(seen: Sequence[Observation], found: Adjusted) -> list[int]:
 
 def why(observed: Observation, rig: Rig) -> str:
     """Return why a view does not fit: a board of another size, a projector that moved, or something else."""
-    pose = _pose_of(observed, rig)
+    pose = pose_of(observed, rig)
     scale = _scale(observed, rig, pose)
     if scale is not None and abs(scale[0] - 1) > 5 * scale[1] and abs(scale[0] - 1) > 2e-4 and scale[2] < 0.3:
         size = f"{abs(scale[0] - 1):.2%} {'larger' if scale[0] > 1 else 'smaller'}"
@@ -54,8 +54,8 @@ def why(observed: Observation, rig: Rig) -> str:
     return "it fits neither the other views' rig nor their board: did something move while it was taken?"
 
 
-def _pose_of(observed: Observation, rig: Rig) -> Float64Array:
-    """Return the board's pose (4, 4) by the camera alone."""
+def pose_of(observed: Observation, rig: Rig) -> Float64Array:
+    """Return T_camera_board (4, 4) by the camera alone."""
     import cv2
 
     turn, shift = cv2.solvePnP(observed.board_mm, observed.camera_px, rig.camera.matrix, rig.camera.distortion)[1:]
