@@ -9,11 +9,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fringed.data import FrameSet, Mesh, Model, PhaseMap, RangeImage, Registration, Truth
+from fringed.data import BoardView, FrameSet, Mesh, Model, PhaseMap, RangeImage, Registration, Truth
 from fringed.errors import UsageError
-from fringed_client.pictures import charts, maps, views
+from fringed_client.pictures import boards, charts, maps, views
 
-DRAWN = "FrameSet, PhaseMap, RangeImage, Model, Registration and Truth"
+DRAWN = "FrameSet, PhaseMap, BoardView, RangeImage, Model, Registration and Truth"
 
 
 def draw_all(content: Any, folder: Path) -> list[Path]:
@@ -61,6 +61,7 @@ def draw_main(content: Any, path: Path) -> Path:
     drawers: dict[type, Callable[[], Path]] = {
         FrameSet: lambda: maps.draw_frame(path, content, len(content.frames) - 1),
         PhaseMap: lambda: (maps.draw_wrapped if content.kind == "wrapped" else maps.draw_phase)(path, content),
+        BoardView: lambda: boards.draw_board_view(path, content),
         RangeImage: lambda: maps.draw_depth(path, content),
         Model: lambda: views.draw_view(path, content, "oblique"),
         Registration: lambda: charts.draw_convergence(path, [content], content.provenance.simulated),

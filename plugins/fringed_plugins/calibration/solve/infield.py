@@ -57,8 +57,8 @@ def corrected(seen: Sequence[Observation], rig: Rig, *, accepted_px: float = _AC
     after, camera = _rms(found), _camera_rms(found, weights)
     if max(after, camera) > accepted_px:
         raise ValueError(
-            f"the view does not fit the lenses: {camera:.2f} px RMS are left in the camera's picture, {after:.2f} in the "
-            f"projector's, at most {accepted_px:g} are accepted; {why(seen[0], begun)}; calibrate anew"
+            f"the view contradicts the lenses: {camera:.2f} px RMS are left in the camera's picture, {after:.2f} in "
+            f"the projector's, at most {accepted_px:g} are accepted; {why(seen[0], begun)}; calibrate anew"
         )
     old, new = rig.T_projector_camera, found.rig.T_projector_camera
     turn = float(np.degrees(np.linalg.norm(rotation_vector(new[:3, :3] @ old[:3, :3].T))))
