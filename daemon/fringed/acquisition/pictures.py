@@ -15,7 +15,7 @@ from fringed.acquisition.blame import all_late, blame_group, blame_held
 from fringed.acquisition.codes import code_findings
 from fringed.acquisition.ramps import ramp_findings
 from fringed.acquisition.sampling import Noise
-from fringed.acquisition.sinusoids import GroupFit, misfit_of, tone_of, without_tone
+from fringed.acquisition.sinusoids import GroupFit, misfit_of, tone_between, tone_of, without_tone
 from fringed.acquisition.styles import fit_style, is_fringes
 from fringed.data import CheckFinding, Float32Array, PatternSequence
 
@@ -53,11 +53,17 @@ def previous(sequence: PatternSequence, index: int) -> int:
 
 
 def share_tone(sequence: PatternSequence, fits: list[GroupFit], own: list[tuple[float, ...] | None]) -> list[GroupFit]:
-    """Remove the tone curve's harmonics from every fit: its `own`, or where that is None a kin group's."""
+    """Remove the tone curve's harmonics from every fit: its `own`, or where that is None a kin group's.
+
+    The kin's fringes may be finer, and blur has damped their harmonics: those of patterns that do not undo the tone
+    curve lie between the kin's and what a gamma makes of sharp fringes.
+    """
     shared = []
     for fit, amplitudes in zip(fits, own, strict=True):
         kin = [a for other, a in zip(fits, own, strict=True) if a is not None and _alike(sequence, fit, other)]
         borrowed = tuple(float(np.median(orders)) for orders in zip(*kin, strict=True)) if kin else None
+        if borrowed and not amplitudes and not sequence.precompensated and len(fit.null):
+            borrowed = tone_between(fit, borrowed, UNKNOWN_TONE)
         chosen = amplitudes or borrowed or ((0.0, 0.0) if sequence.precompensated else UNKNOWN_TONE)
         shared.append(without_tone(fit, chosen))
     return shared

@@ -148,6 +148,17 @@ def tone_of(fit: GroupFit) -> tuple[float, ...] | None:
     return tuple(amplitudes)
 
 
+def tone_between(fit: GroupFit, one: tuple[float, ...], other: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the amplitudes between two estimates that leave the least of a fit: few phases cannot tell them alone."""
+    chosen = []
+    for order, a, b in zip((2, 3), one, other, strict=True):
+        wave = _harmonic(fit, order)
+        power = float(np.vdot(wave, wave))
+        own = float(np.vdot(wave, fit.residual)) / power if power > 1e-9 else a
+        chosen.append(min(max(own, min(a, b)), max(a, b)))
+    return tuple(chosen)
+
+
 def without_tone(fit: GroupFit, amplitudes: tuple[float, ...]) -> GroupFit:
     """Return the fit without the harmonics of these amplitudes (of orders 2, 3)."""
     residual: Array = fit.residual
