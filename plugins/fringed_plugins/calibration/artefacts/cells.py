@@ -39,7 +39,7 @@ class Cells:
     @property
     def normal_noise(self) -> float:
         """What the normals scatter by, rad."""
-        return self.noise_mm / (np.sqrt(2) * self.spacing_mm)
+        return float(self.noise_mm / (np.sqrt(2) * self.spacing_mm))
 
     def pixels(self, chosen: Array, shape: tuple[int, int]) -> Array:
         """Return the pixels (height, width) of the chosen cells (h, w)."""
@@ -84,7 +84,7 @@ def depth_noise_mm(xyz_mm: Array, valid: Array) -> float:
     bend = (z[:, 2:] + z[:, :-2] - 2 * z[:, 1:-1])[whole]
     if not len(bend):
         return 0.0
-    return float(np.median(np.abs(bend)) / 0.6745 / np.sqrt(6))
+    return float(np.median(np.abs(bend)) / (0.6745 * np.sqrt(6)))
 
 
 def _field_mm(xyz_mm: Array, valid: Array) -> tuple[float, float]:

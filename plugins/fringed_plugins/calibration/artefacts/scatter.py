@@ -110,7 +110,7 @@ def form_of(deviations_mm: Array, inside: Array, smooth_px: int) -> Form:
 def _noise_mm(deviations_mm: Array, inside: Array) -> float:
     pairs = inside[:, 1:] & inside[:, :-1]
     differences = (deviations_mm[:, 1:] - deviations_mm[:, :-1])[pairs]
-    return spread(differences) / np.sqrt(2)
+    return float(spread(differences) / np.sqrt(2))
 
 
 def _trimmed(values: Array) -> tuple[float, float]:
