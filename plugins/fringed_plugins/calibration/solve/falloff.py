@@ -33,22 +33,28 @@ def falloffs(seen: Sequence[Observation], rig: Rig) -> tuple[Float64Array, Float
         facing = np.abs(np.einsum("ni,i->n", lit, R @ pose[:3, 2]))
         far = np.linalg.norm(lit, axis=1)
         good = (observed.light > 0) & observed.lit & (facing > 0)
-        level = np.log(observed.light[good] * far[good] ** 3 / facing[good])
+        given = facing[good] / far[good] ** 3
         rows.append(np.column_stack([
-            level, _radius2(rig.camera, observed.camera_px[good]), _radius2(rig.projector, observed.projector_px[good]),
+            np.log(observed.light[good]), given, _radius2(rig.camera, observed.camera_px[good]),
+            _radius2(rig.projector, observed.projector_px[good]),
         ]))  # fmt: skip
-    table = np.concatenate(rows) if rows else np.zeros((0, 3))
+    table = np.concatenate(rows) if rows else np.zeros((0, 4))
     return _fitted(table) if len(table) >= _LEAST else None
 
 
 def _fitted(table: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Fit log(level) = log(a) + log(camera's) + log(projector's given + ambient); ambient light knows no projector."""
     from scipy.optimize import least_squares
 
-    def off(p: Float64Array) -> Float64Array:
-        bright = [np.log(np.maximum(1 + p[k] * table[:, k], 1e-3)) for k in (1, 2)]
-        return np.asarray(table[:, 0] - p[0] - bright[0] - bright[1])
+    level, given = table[:, 0], table[:, 1] / np.median(table[:, 1])
 
-    found = least_squares(off, [float(np.median(table[:, 0])), 0.0, 0.0], loss="soft_l1", f_scale=0.02)
+    def off(p: Float64Array) -> Float64Array:
+        camera, projector = (np.maximum(1 + c * table[:, k], 1e-3) for k, c in ((2, p[1]), (3, p[2])))
+        return np.asarray(level - p[0] - np.log(camera) - np.log(projector * given + p[3]))
+
+    start = [float(np.median(level)), 0.0, 0.0, 0.02]
+    bounds = ([-np.inf, -0.95, -0.95, 0.0], [np.inf, 1.0, 1.0, 1.0])
+    found = least_squares(off, start, bounds=bounds, loss="soft_l1", f_scale=0.02)
     return np.array([found.x[1]]), np.array([found.x[2]])
 
 
