@@ -44,6 +44,11 @@ def _field_mm(scene: Scene) -> float:
     return cells_of(scene.xyz_mm, scene.valid).field_mm
 
 
+def _direction(normal: Any) -> dict[str, float]:
+    """Return the parts of a unit normal as figures, for whoever draws the deviations."""
+    return {f"normal_{axis}": float(value) for axis, value in zip("xyz", normal, strict=True)}
+
+
 class VerifyPlane:
     """A range image of a plane to its flatness measurement error.
 
@@ -86,6 +91,7 @@ class VerifyPlane:
         doubt = float(np.hypot(form.range_u_mm, params.artefact_uncertainty_mm))
         found.judged("flatness_error", form.range_mm, doubt, FORM_SHARE, field)
         found.figures |= {"rms": form.rms_mm, "raw_rms": form.raw_rms_mm, "noise": form.noise_mm, "field": field}
+        found.figures |= _direction(plane.normal) | {"offset": plane.offset_mm}
         found.notes += scatter_notes(form.noise_mm, scene.sigma_mm, plane.inside, form.strays)
         return verification("plane", scene, plane.inside, found, (inputs, params, context))
 
@@ -256,6 +262,7 @@ def _step_findings(steps: Steps, params: VerifyStep.Params, field: float) -> Fin
         found.nominal[f"step_{number}"] = float(steps.nominal_mm[number - 1])
     residual = steps.residual_mm[steps.inside > 0]
     found.figures |= {"raw_rms": float(np.sqrt(np.mean(residual**2))), "largest_flatness_error": rough, "field": field}
+    found.figures |= _direction(steps.normal) | {"offset": steps.lowest_mm}
     if len(steps.heights_mm) < len(params.heights_mm):
         found.notes.append(
             "the plane that the heights are above is out of view: they are counted from the lowest of them"

@@ -21,6 +21,7 @@ from fringed_plugins.calibration.artefacts.scatter import STRAY, Form, blocks_of
 Array = npt.NDArray[Any]
 MOST_INCIDENCE_DEG = 60.0
 _NEAR = 0.1  # of the radius: what is farther off the surface belongs to something else
+_OTHER = 0.2
 _ROUNDS = 30
 _RINGS, _SECTORS = 4, 12
 
@@ -30,7 +31,7 @@ class Sphere:
     """A measured sphere: `centre_mm` (3,) and `radius_mm`, with covariance (4, 4) of x, y, z and radius, mm^2.
 
     `fixed_centre_mm` (3,) is where the centre is when the radius is held at the nominal one, with covariance (3, 3);
-    without a nominal radius it is the centre. `covered` is the share of the cap of `cap_deg` in which there are
+    without a nominal radius, or with quite another one, it is the centre. `covered` is the share of the cap of `cap_deg` in which there are
     points. `inside` (height, width) are the pixels that it was measured on.
     """
 
@@ -78,7 +79,7 @@ def measure_sphere(
         _check_count(inside, centre, radius)
         centre, radius, C, deviation = _fit(xyz_mm, inside, sigma_mm, (centre, radius), False)
     fixed, fixed_C = centre, C[:3, :3]
-    if cap.nominal_mm > 0:
+    if abs(radius - cap.nominal_mm) < _OTHER * radius:  # else another sphere's, which whoever judges will refuse
         fixed, _, fixed_C, _ = _fit(xyz_mm, inside, sigma_mm, (centre, cap.nominal_mm), True)
     whole = np.zeros(inside.shape)
     whole[inside] = deviation

@@ -31,7 +31,7 @@ _WRONG = 0.35  # of that gap: so far from a nominal height, a plane is another o
 
 @dataclass(frozen=True)
 class Steps:
-    """Heights above the lowest plane that was used: `heights_mm` (n,) and `covariance` (n, n), mm^2.
+    """Heights above the lowest plane that was used, n . X = `lowest_mm`: `heights_mm` (n,), `covariance` (n, n), mm^2.
 
     `nominal_mm` (n,) belongs to them. `planes` (n + 1) go from the lowest to the highest, `inside` (height, width) has
     1, 2 ... where their pixels are; `residual_mm` (height, width) is the distance from them, NaN elsewhere.
@@ -41,6 +41,7 @@ class Steps:
     covariance: Array
     nominal_mm: Array
     normal: Array
+    lowest_mm: float
     planes: tuple[Plane, ...]
     inside: Array
     residual_mm: Array
@@ -175,4 +176,4 @@ def _joint(xyz_mm: Array, levels: list[list[Plane]], sigma_mm: Array | None, giv
     whole = np.full(inside.shape, np.nan)
     whole[inside > 0] = residual
     fitted = tuple(fit_plane(xyz_mm, inside == number, sigma_mm, smooth_px) for number in range(1, len(levels) + 1))
-    return Steps(offsets[1:] - offsets[0], J @ C @ J.T, nominal, normal, fitted, inside, whole)
+    return Steps(offsets[1:] - offsets[0], J @ C @ J.T, nominal, normal, float(offsets[0]), fitted, inside, whole)
