@@ -31,8 +31,8 @@ class Sphere:
     """A measured sphere: `centre_mm` (3,) and `radius_mm`, with covariance (4, 4) of x, y, z and radius, mm^2.
 
     `fixed_centre_mm` (3,) is where the centre is when the radius is held at the nominal one, with covariance (3, 3);
-    without a nominal radius, or with quite another one, it is the centre. `covered` is the share of the cap of `cap_deg` in which there are
-    points. `inside` (height, width) are the pixels that it was measured on.
+    without a nominal radius, or with quite another one, it is the centre. `covered` is the share of the cap of
+    `cap_deg` in which there are points. `inside` (height, width) are the pixels that it was measured on.
     """
 
     centre_mm: Array
