@@ -22,7 +22,10 @@ class SceneConfig(SimSection, frozen=True, kw_only=True):
 
     object: Annotated[
         str,
-        Meta(description="plane, sphere, steps, freeform, face, hand, mesh, or a plug-in's scene", min_length=1),
+        Meta(
+            description="plane, sphere, ball-bar, steps, freeform, face, hand, mesh, board, or a plug-in's scene",
+            min_length=1,
+        ),
     ] = "face"
     options: Annotated[dict[str, Any], Meta(description="the object's own, such as radius_mm, path, formula")] = {}
     rotation_deg: Annotated[Vector, Meta(description="about x, then y, then z")] = (0.0, 0.0, 0.0)

@@ -96,7 +96,7 @@ def _view(config: SimulationConfig, light: tuple[float, float]) -> Any:
 
 def _grid(triangles: Float64Array, T_lens_camera: Float64Array, lens: Any) -> Any:
     """Sort triangles into the cells of a lens's perspective view that each may cover."""
-    from fringed.simulation.trace_kernels import Grid, bin_triangles, box_triangles
+    from fringed.simulation.grid_kernels import Grid, bin_triangles, box_triangles
 
     low, high = _extent(lens)
     spans = np.empty((len(triangles), 4))
@@ -148,7 +148,8 @@ def _extent(lens: Any) -> tuple[Float64Array, Float64Array]:
 
 def truth_of(config: SimulationConfig, geometry: Geometry, scene: Mapping[str, Any]) -> Truth:
     """Return what the traced geometry says of every pixel."""
-    from fringed.simulation.trace_kernels import LIT, OBJECT, VISIBLE, points_rows
+    from fringed.simulation.lens_kernels import points_rows
+    from fringed.simulation.trace_kernels import LIT, OBJECT, VISIBLE
 
     flags, depth = geometry.flags, geometry.depth
     points = np.empty((*depth.shape, 3), np.float32)

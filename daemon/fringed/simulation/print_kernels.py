@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from fringed.simulation.trace_kernels import OBJECT, pixel_ray
+from fringed.simulation.lens_kernels import pixel_ray
+from fringed.simulation.trace_kernels import OBJECT
 
 _SAMPLES = 16  # along each side, where the edge of a box crosses a pixel
 

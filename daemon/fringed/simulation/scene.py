@@ -90,9 +90,16 @@ def solid_of(scene: Scene, T_camera_object: Float64Array) -> Any:
         faces=np.array(shape.faces, np.int32),
         normals=shape.normals @ R.T,
         albedo=np.array(shape.albedo * config.albedo, np.float64),
-        sphere=np.array([*t, shape.sphere_radius_mm, config.albedo]),
+        spheres=_spheres(shape, R, t, config.albedo),
         plane=np.array([config.backdrop_distance_mm if far else 0.0, far, 0.0]),
     )
+
+
+def _spheres(shape: Shape, R: Float64Array, t: Float64Array, albedo: float) -> Float64Array:
+    spheres = np.full((len(shape.spheres), 5), albedo)
+    spheres[:, :3] = shape.spheres[:, :3] @ R.T + t
+    spheres[:, 3] = shape.spheres[:, 3]
+    return spheres
 
 
 def reference_solid(config: SimulationConfig) -> Any:
@@ -101,6 +108,6 @@ def reference_solid(config: SimulationConfig) -> Any:
 
     none = np.zeros((0, 3))
     return Solid(
-        np.zeros((0, 3, 3)), np.zeros((0, 3), np.int32), none, np.zeros(0), np.zeros(5),
+        np.zeros((0, 3, 3)), np.zeros((0, 3), np.int32), none, np.zeros(0), np.zeros((0, 5)),
         np.array([config.scene.backdrop_distance_mm, GREY_ALBEDO, 1.0]),
     )  # fmt: skip

@@ -12,22 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-NOTHING, SPHERE, PLANE = -1, -2, -3
+from fringed.simulation.lens_kernels import pixel_ray, ray_pixel
+
+NOTHING, PLANE, SPHERE = -1, -2, -3  # spheres count downwards from there
 VISIBLE, LIT, OBJECT = 1, 2, 4  # bits of Buffers.flags
 _EDGE = 1e-9  # barycentric tolerance: a ray through a shared edge hits one of the two triangles
 _NEAR = 1e-6
 _SELF = 2e-6  # of the distance to the projector: a point does not shadow itself
 _GLOSS = 40.0
-
-
-class Grid(NamedTuple):
-    """Which triangles a perspective cell may show: `items[start[cell] : start[cell + 1]]`."""
-
-    bounds: Any  # (4,) x0, y0, cells per unit of x and of y; normalised coordinates
-    nx: int
-    ny: int
-    start: Any  # (nx * ny + 1,) int64
-    items: Any  # int32
 
 
 class Solid(NamedTuple):
@@ -37,7 +29,7 @@ class Solid(NamedTuple):
     faces: Any  # (n, 3) int32
     normals: Any  # (m, 3) of vertices
     albedo: Any  # (m,) of vertices
-    sphere: Any  # (5,) centre, radius (0: none), albedo
+    spheres: Any  # (k, 5) centre, radius, albedo
     plane: Any  # (3,) its z (0: none), albedo, 1 where it is the measured object
 
 
@@ -65,68 +57,6 @@ class Buffers(NamedTuple):
     gain: Any
     base: Any
     flags: Any  # uint8
-
-
-@njit(cache=True, nogil=True)
-def bin_triangles(boxes: Any, nx: int, start: Any, items: Any, filling: bool) -> None:
-    """Count the triangles of each cell into `start[cell + 1]`, or file them; boxes (n, 4) int32, empty if x1 < x0."""
-    for i in range(boxes.shape[0]):
-        for y in range(boxes[i, 1], boxes[i, 3] + 1):
-            for x in range(boxes[i, 0], boxes[i, 2] + 1):
-                cell = y * nx + x
-                if filling:
-                    items[start[cell]] = i
-                    start[cell] += 1
-                else:
-                    start[cell + 1] += 1
-
-
-@njit(cache=True, nogil=True)
-def box_triangles(triangles: Any, T: Any, low: Any, high: Any, out: Any) -> None:
-    """Write each triangle's box (n, 4) in a lens's normalised coordinates: x0, y0, x1, y1; x1 < x0 if out of sight."""
-    for i in range(triangles.shape[0]):
-        ahead = 0
-        x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
-        for corner in range(3):
-            p0, p1, p2 = triangles[i, 0, 0], triangles[i, 0, 1], triangles[i, 0, 2]
-            if corner > 0:
-                p0, p1, p2 = p0 + triangles[i, corner, 0], p1 + triangles[i, corner, 1], p2 + triangles[i, corner, 2]
-            z = T[2, 0] * p0 + T[2, 1] * p1 + T[2, 2] * p2 + T[2, 3]
-            if z > 1.0:
-                ahead += 1
-                x = (T[0, 0] * p0 + T[0, 1] * p1 + T[0, 2] * p2 + T[0, 3]) / z
-                y = (T[1, 0] * p0 + T[1, 1] * p1 + T[1, 2] * p2 + T[1, 3]) / z
-                x0, y0, x1, y1 = min(x0, x), min(y0, y), max(x1, x), max(y1, y)
-        if 0 < ahead < 3:  # reaches behind the lens: it may be anywhere
-            x0, y0, x1, y1 = low[0], low[1], high[0], high[1]
-        if ahead == 0 or x0 > high[0] or y0 > high[1] or x1 < low[0] or y1 < low[1]:
-            x0, y0, x1, y1 = 1.0, 1.0, -1.0, -1.0
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = x0, y0, x1, y1
-
-
-@njit(cache=True, nogil=True)
-def pixel_ray(xd: float, yd: float, guess: tuple[float, float], lens: Any) -> tuple[float, float]:
-    """Return the normalised coordinates that Brown's distortion takes to (xd, yd), by fixed-point iteration."""
-    x, y = guess
-    for _ in range(40):
-        r2 = x * x + y * y
-        scale = 1.0 / (1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8])))
-        xn = (xd - 2.0 * lens[6] * x * y - lens[7] * (r2 + 2.0 * x * x)) * scale
-        yn = (yd - lens[6] * (r2 + 2.0 * y * y) - 2.0 * lens[7] * x * y) * scale
-        step = abs(xn - x) + abs(yn - y)
-        x, y = xn, yn
-        if step < 1e-11:
-            break
-    return x, y
-
-
-@njit(cache=True, nogil=True)
-def _pixel(x: float, y: float, lens: Any) -> tuple[float, float]:
-    r2 = x * x + y * y
-    radial = 1.0 + r2 * (lens[4] + r2 * (lens[5] + r2 * lens[8]))
-    xd = x * radial + 2.0 * lens[6] * x * y + lens[7] * (r2 + 2.0 * x * x)
-    yd = y * radial + lens[6] * (r2 + 2.0 * y * y) + 2.0 * lens[7] * x * y
-    return lens[0] * xd + lens[2], lens[1] * yd + lens[3]
 
 
 @njit(cache=True, nogil=True)
@@ -168,19 +98,21 @@ def _mesh_hit(
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _sphere_hit(sphere: Any, o: Any, d: Any) -> float:
-    """Return the parameter of the first intersection, or infinity."""
-    if sphere[3] <= 0.0:
-        return np.inf
-    x, y, z = o[0] - sphere[0], o[1] - sphere[1], o[2] - sphere[2]
-    a = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
-    b = x * d[0] + y * d[1] + z * d[2]
-    c = x * x + y * y + z * z - sphere[3] * sphere[3]
-    root = b * b - a * c
-    if root < 0.0:
-        return np.inf
-    t = (-b - np.sqrt(root)) / a
-    return t if t > _NEAR else np.inf
+def _sphere_hit(spheres: Any, o: Any, d: Any) -> tuple[float, int]:
+    """Return the parameter of the first intersection, or infinity, and the sphere's number."""
+    nearest, which = np.inf, NOTHING
+    for i in range(spheres.shape[0]):
+        x, y, z = o[0] - spheres[i, 0], o[1] - spheres[i, 1], o[2] - spheres[i, 2]
+        a = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        b = x * d[0] + y * d[1] + z * d[2]
+        c = x * x + y * y + z * z - spheres[i, 3] * spheres[i, 3]
+        root = b * b - a * c
+        if root < 0.0:
+            continue
+        t = (-b - np.sqrt(root)) / a
+        if _NEAR < t < nearest:
+            nearest, which = t, SPHERE - i
+    return nearest, which
 
 
 @njit(cache=True, nogil=True)
@@ -192,11 +124,12 @@ def _surface(
         normal[:] = (0.0, 0.0, -1.0)
         flat[:] = normal
         return float(solid.plane[1])
-    if which == SPHERE:
+    if which <= SPHERE:
+        sphere = solid.spheres[SPHERE - which]
         for k in range(3):
-            normal[k] = (p[k] - solid.sphere[k]) / solid.sphere[3]
+            normal[k] = (p[k] - sphere[k]) / sphere[3]
         flat[:] = normal
-        return float(solid.sphere[4])
+        return float(sphere[4])
     v, normals = solid.triangles, solid.normals
     f0, f1, f2 = solid.faces[which, 0], solid.faces[which, 1], solid.faces[which, 2]
     flat[0] = v[which, 1, 1] * v[which, 2, 2] - v[which, 1, 2] * v[which, 2, 1]
@@ -250,7 +183,7 @@ def _project(view: Any, p: Any, q: Any) -> tuple[float, float]:
         q[k] = T[k, 0] * p[0] + T[k, 1] * p[1] + T[k, 2] * p[2] + T[k, 3]
     if q[2] <= _NEAR:
         return np.nan, np.nan
-    return _pixel(q[0] / q[2], q[1] / q[2], view.projector)
+    return ray_pixel(q[0] / q[2], q[1] / q[2], view.projector)
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -258,7 +191,7 @@ def _shadowed(solid: Any, grid: Any, view: Any, p: Any, q: Any, d: Any) -> bool:
     for k in range(3):
         d[k] = p[k] - view.centre[k]
     end = 1.0 - _SELF
-    if _sphere_hit(solid.sphere, view.centre, d) < end:
+    if _sphere_hit(solid.spheres, view.centre, d)[0] < end:
         return True
     xy = (q[0] / q[2], q[1] / q[2])
     return bool(_mesh_hit(solid.triangles, grid, xy, (view.centre, d), end, True)[1] != NOTHING)
@@ -267,9 +200,9 @@ def _shadowed(solid: Any, grid: Any, view: Any, p: Any, q: Any, d: Any) -> bool:
 @njit(cache=True, nogil=True, inline="always")
 def _nearest(solid: Any, grid: Any, o: Any, d: Any) -> tuple[float, int, float, float]:
     t, which, b1, b2 = _mesh_hit(solid.triangles, grid, (d[0], d[1]), (o, d), np.inf, False)
-    ball = _sphere_hit(solid.sphere, o, d)
+    ball, number = _sphere_hit(solid.spheres, o, d)
     if ball < t:
-        t, which = ball, SPHERE
+        t, which = ball, number
     if 0.0 < solid.plane[0] < t:
         t, which = solid.plane[0], PLANE
     return t, which, b1, b2
@@ -317,15 +250,3 @@ def trace_rows(rows: tuple[int, int], solid: Any, grids: tuple[Any, Any], view: 
             out.level[r, c] = min(abs(q[2] - optics[4]) * optics[5], optics[6])
             out.base[r, c] = seen * optics[1]
             out.column[r, c], out.row[r, c], out.depth[r, c], out.flags[r, c] = u, v, t, flags
-
-
-@njit(cache=True, nogil=True)
-def points_rows(first: int, end: int, lens: Any, depth: Any, out: Any) -> None:
-    """Turn depth (height, width) into points (height, width, 3) on the pixels' rays."""
-    for r in range(first, end):
-        yd, ahead, below = (r - lens[3]) / lens[1], 0.0, 0.0
-        for c in range(depth.shape[1]):
-            xd = (c - lens[2]) / lens[0]
-            x, y = pixel_ray(xd, yd, (xd + ahead, yd + below), lens)
-            ahead, below = x - xd, y - yd
-            out[r, c, 0], out[r, c, 1], out[r, c, 2] = x * depth[r, c], y * depth[r, c], depth[r, c]

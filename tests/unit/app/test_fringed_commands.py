@@ -113,7 +113,7 @@ def test_check_tells_everything_in_one_round(capsys, tmp_path):
         (("check", "/nowhere/at/all.toml"), 2, "there is no file /nowhere/at/all.toml"),
         (("run", "--set", "nonsense"), 2, "expected KEY=VALUE"),
         (("show", "--set", "workers.count=-3"), 2, "workers.count: -3 is not allowed"),
-        (("run", "--set", "simulation.scene.object=nope"), 2, "expected one of plane, sphere, steps"),
+        (("run", "--set", "simulation.scene.object=nope"), 2, "expected one of plane, sphere, ball-bar, steps"),
         (("nonsense",), 2, "No such command"),
         (("keys", "new", "a/b", "--dir", "/tmp"), 2, "is no name for keys"),
     ],

@@ -41,7 +41,7 @@ def test_projection_agrees_with_opencv(make):
 
 
 def test_a_pixels_ray_is_the_exact_inverse_of_the_distortion():
-    from fringed.simulation.trace_kernels import pixel_ray
+    from fringed.simulation.lens_kernels import pixel_ray
 
     lens = optics.camera_lens(CONFIG)
     packed = optics.packed(lens)

@@ -13,7 +13,16 @@ from fringed.config.simulated import SceneConfig
 from fringed.config.validation import validate
 from fringed.data import Mesh
 from fringed.errors import ConfigurationError, DataError, Problem
-from fringed.simulation.shapes.basic import PlaneOptions, SphereOptions, StepsOptions, plane, sphere, steps
+from fringed.simulation.shapes.basic import (
+    BallBarOptions,
+    PlaneOptions,
+    SphereOptions,
+    StepsOptions,
+    ball_bar,
+    plane,
+    sphere,
+    steps,
+)
 from fringed.simulation.shapes.board import board, board_options
 from fringed.simulation.shapes.files import MeshOptions, mesh_file
 from fringed.simulation.shapes.freeform import FreeformOptions, freeform
@@ -24,6 +33,7 @@ from fringed.simulation.shapes.shape import Shape, ShapeOptions, mesh_shape
 _OBJECTS: Mapping[str, tuple[type[ShapeOptions], Callable[[Any], Shape]]] = {
     "plane": (PlaneOptions, plane),
     "sphere": (SphereOptions, sphere),
+    "ball-bar": (BallBarOptions, ball_bar),
     "steps": (StepsOptions, steps),
     "freeform": (FreeformOptions, freeform),
     "face": (HeadOptions, head),

@@ -1,4 +1,4 @@
-"""Objects of known geometry: plane, sphere, steps. Exact: their planes are planes, their sphere is one."""
+"""Objects of known geometry: plane, sphere, ball bar, steps. Exact: their planes are planes, their spheres spheres."""
 
 from __future__ import annotations
 
@@ -26,6 +26,13 @@ class SphereOptions(ShapeOptions, frozen=True, kw_only=True):
     radius_mm: Size = 60.0
 
 
+class BallBarOptions(ShapeOptions, frozen=True, kw_only=True):
+    """Two equal spheres on the object's x axis, the origin in the middle."""
+
+    radius_mm: Size = 25.0
+    spacing_mm: Annotated[Size, Meta(description="between the centres")] = 150.0
+
+
 class StepsOptions(ShapeOptions, frozen=True, kw_only=True):
     """A block whose top is a flight of stairs from left to right, its base at z = 0."""
 
@@ -42,7 +49,24 @@ def plane(options: PlaneOptions) -> Shape:
 
 def sphere(options: SphereOptions) -> Shape:
     """Return an exact sphere."""
-    return sphere_shape(options.radius_mm)
+    return sphere_shape([[0.0, 0.0, 0.0, options.radius_mm]])
+
+
+def ball_bar(options: BallBarOptions) -> Shape:
+    """Return two exact spheres; the bar between them is left out.
+
+    Raises
+    ------
+    ValueError
+        spheres that overlap.
+    """
+    if options.spacing_mm < 2 * options.radius_mm:
+        raise ValueError(
+            f"two spheres of radius {options.radius_mm:g} mm do not fit at a distance of {options.spacing_mm:g} mm; "
+            f"spacing_mm has to be at least {2 * options.radius_mm:g}"
+        )
+    x = options.spacing_mm / 2
+    return sphere_shape([[-x, 0.0, 0.0, options.radius_mm], [x, 0.0, 0.0, options.radius_mm]])
 
 
 def steps(options: StepsOptions) -> Shape:

@@ -36,7 +36,10 @@ def board_options(table: dict[str, object]) -> tuple[Board, BoardOptions]:
 
 
 def board(options: tuple[Board, BoardOptions]) -> Shape:
-    """Return the sheet, upright and facing the camera when it is not turned."""
+    """Return the sheet, upright and facing the camera when it is not turned.
+
+    Its pose in a board's own axes is `Truth.T_camera_object @ T_OBJECT_BOARD`.
+    """
     printed, sheet = options
     width, height = size_mm(printed)
     x, y = width * sheet.scale_x / 2, height / 2

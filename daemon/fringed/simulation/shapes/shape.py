@@ -1,4 +1,4 @@
-"""What an object of the simulated scene is: a mesh or a sphere, in its own frame.
+"""What an object of the simulated scene is: a mesh or spheres, in its own frame.
 
 Owns the object's form and albedo; knows nothing of where it stands. An object's frame: millimetres, x to the right,
 y up, z towards the camera when it is not turned.
@@ -6,7 +6,7 @@ y up, z towards the camera when it is not turned.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import msgspec
 import numpy as np
@@ -41,7 +41,7 @@ class Print:
 
 @dataclass(frozen=True)
 class Shape:
-    """An object: triangles with smooth normals, or a sphere around its origin.
+    """An object: triangles with smooth normals, and `spheres` (k, 4), exact ones: centre and radius, mm.
 
     `albedo` (m,) of each vertex is relative to the scene's albedo, and so is what is `printed` on z = 0.
     """
@@ -50,15 +50,14 @@ class Shape:
     faces: Int32Array
     normals: Float64Array
     albedo: Float32Array
-    sphere_radius_mm: float = 0.0
+    spheres: Float64Array = field(default_factory=lambda: np.zeros((0, 4)))
     printed: Print | None = None
 
 
-def sphere_shape(radius_mm: float) -> Shape:
-    """Return an exact sphere."""
-    return Shape(
-        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3)), np.zeros(0, np.float32), radius_mm
-    )  # fmt: skip
+def sphere_shape(spheres: npt.ArrayLike) -> Shape:
+    """Return exact spheres (k, 4), centre and radius."""
+    none = np.zeros((0, 3))
+    return Shape(none, np.zeros((0, 3), np.int32), none, np.zeros(0, np.float32), np.array(spheres, np.float64))
 
 
 def mesh_shape(vertices_mm: npt.ArrayLike, faces: npt.ArrayLike, albedo: Array | None = None) -> Shape:
