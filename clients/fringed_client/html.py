@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fringed.data import FrameSet, Model, PhaseMap, RangeImage, Registration
+from fringed.data import BoardView, Calibration, FrameSet, Model, PhaseMap, RangeImage, Registration, Verification
 from fringed_client.pictures.thumbs import png, thumbnail
 
 if TYPE_CHECKING:
@@ -49,6 +49,24 @@ def facts(content: Any) -> dict[str, str]:
             found["retakes"] = str(content.retakes)
     elif isinstance(content, PhaseMap):
         found |= {"phase": f"{content.kind}, period {content.period_px:g} px", "kept": _kept(content.rejected)}
+    elif isinstance(content, BoardView):
+        found |= {
+            "pose": content.name or "unnamed",
+            "board": f"{len(content.index)} points" if content.found else "none",
+        }
+        found |= {"because": content.reason} if content.reason else {}
+    elif isinstance(content, Calibration):
+        from fringed_client.calibration.figures import accuracy_rows
+
+        found |= {key: text for key, text in accuracy_rows(content).items() if key != "calibration"}
+    elif isinstance(content, Verification):
+        from fringed_client.verification import rows, summary
+
+        found |= {
+            "verdict": content.verdict,
+            **{row[0]: f"{row[1]} mm, limit {row[3]}: {row[4]}" for row in rows(content)},
+        }
+        found |= summary(content)
     elif isinstance(content, RangeImage):
         found |= {"size": "{1} x {0}".format(*content.rejected.shape), "kept": _kept(content.rejected)}
         found["z"] = _span(content.xyz_mm[..., 2])

@@ -36,6 +36,7 @@ height_px = 348
 object = "plane"
 """
 POSES = 6
+pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
 
 
 @pytest.fixture(scope="module")

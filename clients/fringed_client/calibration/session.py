@@ -113,6 +113,13 @@ class Session:
         stage = {"name": "response", "plugin": "tone-response"}
         return self._calibration({"frames": ramp, "calibration": calibration.id}, stage, on_progress)
 
+    def corrected(
+        self, views: Sequence[BoardView], calibration: Calibration, on_progress: OnProgress
+    ) -> tuple[Calibration, tuple[str, ...]]:
+        """Return a calibration with the projector where a few poses say that it stands now; raises DataError."""
+        inputs = {"views": [view.id for view in views], "calibration": calibration}
+        return self._calibration(inputs, {"name": "corrected", "plugin": "infield-correction"}, on_progress)
+
     def _calibration(
         self, inputs: Mapping[str, Any], stage: Mapping[str, Any], on_progress: OnProgress
     ) -> tuple[Calibration, tuple[str, ...]]:

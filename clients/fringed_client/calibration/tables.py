@@ -40,7 +40,9 @@ def headline(found: Calibration, trueness: Mapping[str, Any] | None) -> dict[str
         told["of the camera's picture covered"] = f"{figures['coverage']:.0%}"
     if "tilt_spread_deg" in figures:
         told["spread of the board's tilts"] = f"{figures['tilt_spread_deg']:.0f}°"
-    told["distance of camera and projector"] = f"{number(baseline_mm(found), baseline_sigma(found))} mm"
+    length = number(baseline_mm(found), baseline_sigma(found)).partition(" ± ")
+    known = f", ± {length[2]} mm" if length[2] else ""
+    told[f"from camera to projector{known}"] = f"{length[0]} mm"
     return told
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fringed_client.cli import output
-from fringed_client.cli.options import Options, common
+from fringed_client.cli.options import Options, common, pairs
 
 if TYPE_CHECKING:
     from fringed.data import Calibration
@@ -123,7 +123,20 @@ def _compare(one: str, other: str | None, options: Options) -> None:
     if options.json:
         output.emit({"a": a.id or a.hash, "b": b.id or b.hash, **found})
         return
-    output.facts({"a": f"{a.id or a.hash} ({a.source})", "b": f"{b.id or b.hash} ({b.source})", **_flat(found)})
+    output.facts({
+        "a": f"{a.id or a.hash} ({a.source})", "b": f"{b.id or b.hash} ({b.source})",
+        "points": f"{found['rms_mm'] * 1000:.1f} um RMS apart, {found['max_mm'] * 1000:.1f} um at most, at "
+        f"{min(found['depths_mm']):.0f} to {max(found['depths_mm']):.0f} mm",
+        "verdict": f"{found['verdict']}: up to {found['max_drift_mm'] * 1000:.0f} um RMS is no drift",
+    })  # fmt: skip
+    output.table(
+        ("parameter", "a", "b", "difference", "in deviations"), [_difference(row) for row in found["parameters"]]
+    )
+
+
+def _difference(row: Mapping[str, Any]) -> tuple[str, ...]:
+    own = "–" if row["deviations"] is None else f"{row['deviations']:+.1f}"
+    return row["name"], f"{row['a']:.7g}", f"{row['b']:.7g}", f"{row['difference']:+.3g}", own
 
 
 def _one_before(station: Station, one: str) -> tuple[str, str]:
@@ -139,23 +152,35 @@ def _one_before(station: Station, one: str) -> tuple[str, str]:
     return adopted[1], adopted[0]
 
 
-def _flat(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return figures as lines: numbers rounded, tables one line an entry."""
-    told = {}
-    for key, value in found.items():
-        if isinstance(value, Mapping):
-            told[key] = "\n".join(f"{name}: {_plain(one)}" for name, one in value.items())
-        elif isinstance(value, list):
-            told[key] = "\n".join(map(_plain, value))
-        else:
-            told[key] = _plain(value)
-    return {key.replace("_", " "): text for key, text in told.items() if text}
+@calibration_command.command("correct")
+@click.option("--pipeline", default="board", show_default=True, help="What is projected on the board.")
+@click.option("--board", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Of the board, over the station's.")
+@click.option("--camera", multiple=True, callback=pairs, metavar="KEY=VALUE", help="Such as exposure_us=10000.")
+@click.option("--view", "views", multiple=True, metavar="ID", help="Recorded board views instead of taking one.")
+@click.option("--use", is_flag=True, help="Put the corrected calibration in force at once.")
+@common
+def _correct(options: Options, views: tuple[str, ...], use: bool, **wish: Any) -> None:
+    """Put the calibration in force right after the projector was nudged, by one pose of the board before the rig.
 
+    The lenses are taken as they were; a pose that contradicts them is refused: then calibrate anew.
+    """
+    from fringed_client.calibration.session import Session, Wish
+    from fringed_client.station import Station
 
-def _plain(value: Any) -> str:
-    if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_plain(one)}" for name, one in value.items())
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    with Station(options.station) as station, output.steps() as steps:
+        session = Session(station, Wish(**wish))
+        seen = session.named(views) if views else [session.take("infield", steps.scan("infield"))]
+        found, warnings = session.corrected(seen, _calibration(station, "current"), steps.scan("correction"))
+        answer = station.request("calibration.use", timeout_s=60.0, id=found.id) if use else None
+    for text in warnings:
+        output.say(f"warning: {text}")
+    if options.json:
+        moved = {key: value for key, value in found.residuals.items() if key.startswith("infield_")}
+        output.emit({"calibration": found.id, "hash": found.hash, **moved, **(answer or {})})
+        return
+    output.facts({"calibration": found.id, "found": found.notes[-1], "in force": "yes" if use else "no"})
+    if not use:
+        output.say(f"to use it: fringe calibration use {found.id}")
 
 
 @calibration_command.command("use")

@@ -16,7 +16,7 @@ from fringed_client.cli.options import Options, common
 @click.option("--quick", is_flag=True, help="A camera of 464 x 348 pixels.")
 @common
 def demo_command(folder: Path, quick: bool, options: Options) -> None:
-    """Scan a face and a plaster-like mould from three views each, register them, and report against the truth."""
+    """Calibrate a simulated rig from images, scan a face and a mould from three views each, and report errors."""
     from fringed_client.demo.run import run_demo
 
     output.say("starting a private station with a SIMULATED rig")

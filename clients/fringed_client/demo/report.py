@@ -26,13 +26,36 @@ def write_html(folder: Path, report: dict[str, Any]) -> Path:
         total=f"{report['seconds']['total']:.0f}", cores=report["machine"]["cores"],
         tiles="".join(_tile(found) for found in report["objects"].values()),
         timings=_timings(report), machine=_text(f"{report['machine']['system']}, Python {report['machine']['python']}"),
-        calibration=_text(report["calibration"]),
+        calibration=_calibration(report["calibration"]),
     )  # fmt: skip
     return write_aside(folder / "report.html", page.encode())
 
 
 def _text(value: Any) -> str:
     return html.escape(str(value))
+
+
+def _calibration(found: dict[str, Any]) -> str:
+    """Return what the calibration is worth, against what the rig really is."""
+    figures, seconds = found["residuals"], found["seconds"]
+    told = (
+        f"{found['found']} of {found['poses']} poses of a board found in {seconds['poses']:.0f} s, the estimation took "
+        f"{seconds['estimation']:.1f} s. Reprojection: {figures.get('camera_rms_px', float('nan')):.3f} px RMS in the "
+        f"camera, {figures.get('projector_rms_px', float('nan')):.3f} px in the projector."
+    )
+    rows = [
+        (row["name"], f"{row['true']:.3f}", f"{row['error']:+.4f}", f"{row['relative']:+.4%}", f"{row['sigmas']:+.1f}")
+        for row in found["parameters"]
+    ]
+    head = ("parameter", "true", "error", "of the true value", "in its own σ")
+    link = f'<a href="{_text(found["report"])}">its own report</a>'
+    return f"<p>{_text(told)} See {link}.</p>{_table(head, rows)}{_displaced(found['against_truth'])}"
+
+
+def _displaced(found: dict[str, Any]) -> str:
+    """Return how far points are from where the exact calibration puts them."""
+    rows = [(key.replace("_", " "), f"{value:.4g}") for key, value in found.items() if isinstance(value, (int, float))]
+    return _table(("points against the exact calibration", ""), rows)
 
 
 def _um(value_mm: float) -> str:

@@ -1,4 +1,4 @@
-"""Run the demonstration: start a station, scan, register, export, draw, report.
+"""Run the demonstration: start a station, calibrate it, scan, register, export, draw, report.
 
 Owns the order of things. Pictures are drawn in one thread while the station scans on.
 """
@@ -18,6 +18,7 @@ import msgspec
 
 from fringed import __version__
 from fringed.messages import ScanState
+from fringed_client.demo.calibrate import calibrate
 from fringed_client.demo.report import write_html
 from fringed_client.demo.scenes import OBJECTS, YAWS_DEG, Shown, rig
 from fringed_client.files import make_folder, write_aside
@@ -76,10 +77,11 @@ def run_demo(folder: Path, quick: bool, progress: Progress) -> dict[str, Any]:
     private = PrivateStation(rig(quick))
     with private as station:
         started_s = time.perf_counter() - began
+        calibration = calibrate(station, folder / "calibration", progress)
         found, drawing_s = _with_artist(private.runtime, station, progress, folder)
         state = station.status()
     report = {
-        "software": f"fringed {__version__}", "simulated": True, "rig": state.rig, "calibration": state.calibration,
+        "software": f"fringed {__version__}", "simulated": True, "rig": state.rig, "calibration": calibration,
         "machine": {"cores": os.cpu_count(), "python": platform.python_version(), "system": platform.platform()},
         "camera_px": [464, 348] if quick else [1392, 1040],
         "objects": found,

@@ -12,12 +12,42 @@ from typing import Any
 import numpy as np
 
 from fringed.data import Array, BoardView, Calibration, Lens, ViewFit
+from fringed.errors import UsageError
 from fringed_client.pictures.figures import ACCENT, FAINT, INK, PAPER, colour_bar, figure, labelled, save, titled
 
 _BLUE, _GRID = "#2e6f95", "#d9d9d4"
 _COLUMNS, _ROWS = 4, 3
 _RINGS_DEG = (10, 20, 30, 40, 50)
 _ARROW = 0.045  # of the picture's width: how long the RMS residual is drawn
+
+
+def draw_all(found: Calibration, folder: Path) -> list[Path]:
+    """Draw residuals, falloff and tone curve, as far as a calibration has them."""
+    from fringed_client.pictures.tone import draw_tone
+
+    drawn = [draw_calibration(folder / "calibration.png", found)]
+    if found.views and found.tone_curve is not None:
+        drawn.append(draw_tone(folder / "tone.png", found, found.provenance.simulated))
+    if found.camera_falloff is not None or found.projector_falloff is not None:
+        drawn.append(draw_falloff(folder / "falloff.png", found))
+    return drawn
+
+
+def draw_calibration(path: Path, found: Calibration) -> Path:
+    """Draw what tells most: the residuals of its poses, else the tone curve.
+
+    Raises
+    ------
+    UsageError
+        it has neither.
+    """
+    from fringed_client.pictures.tone import draw_tone
+
+    if found.views:
+        return draw_residuals(path, found, found.views, "all poses")
+    if found.tone_curve is not None:
+        return draw_tone(path, found, found.provenance.simulated)
+    raise UsageError("this calibration has no poses and no tone curve, so there is nothing to draw")
 
 
 def draw_residuals(path: Path, found: Calibration, fits: Sequence[ViewFit], title: str) -> Path:
@@ -67,7 +97,7 @@ def _frame(axes: Any, width: int, height: int) -> None:
 def draw_coverage(path: Path, views: Sequence[BoardView], found: Calibration | None = None) -> Path:
     """Draw where in the camera's picture points were seen, and beside it which way the board was tilted."""
     drawn = figure(11.0, 4.6)
-    left = drawn.add_subplot(1, 2, 1)
+    left, right = drawn.subplots(1, 2, width_ratios=(1.35, 1))
     simulated = any(view.provenance.simulated for view in views)
     width, height = views[0].camera_size_px if views else (4, 3)
     _frame(left, width, height)
@@ -86,27 +116,35 @@ def draw_coverage(path: Path, views: Sequence[BoardView], found: Calibration | N
         left.axhline(part * height / _ROWS - 0.5, color=_GRID, linewidth=0.7, zorder=0)
     titled(left, "points in the camera's picture, by pose", False)
     labelled(left, "column / px", "row / px")
-    _tilts(drawn.add_subplot(1, 2, 2, projection="polar"), found, len(views), simulated)
+    _tilts(right, found, len(views), simulated)
     return save(drawn, path)
 
 
 def _tilts(axes: Any, found: Calibration | None, count: int, simulated: bool) -> None:
-    """Draw each pose as the direction that the board faces and how far, and its depth by the mark's size."""
+    """Draw each pose as the direction that the board faced and how far; larger marks were nearer."""
+    from matplotlib.patches import Circle
+
     fits = [(number, fit) for number, fit in enumerate(found.views if found is not None else ()) if not fit.note]
     depths = [fit.T_camera_board[2, 3] for _, fit in fits]
+    for ring in _RINGS_DEG:
+        axes.add_patch(Circle((0, 0), ring, fill=False, color=_GRID, linewidth=0.7))
+        axes.text(0.71 * ring, 0.71 * ring, f"{ring}°", fontsize=7, color=FAINT)
     for number, fit in fits:
         normal = -fit.T_camera_board[:3, 2]
         tilt = np.rad2deg(np.arccos(np.clip(-normal[2], -1, 1)))
-        facing = np.arctan2(-normal[1], normal[0])  # up in the picture is up here
+        at = tilt * normal[:2] / max(float(np.hypot(*normal[:2])), 1e-9)
         near = (max(depths) - fit.T_camera_board[2, 3]) / max(max(depths) - min(depths), 1e-9)
-        axes.scatter(facing, tilt, s=30 + 90 * near, color=_colour(number, count), linewidths=0)
-        axes.annotate((fit.name or str(number + 1)).rpartition("-")[2], (facing, tilt), fontsize=7, color=INK,
+        axes.scatter(*at, s=30 + 90 * near, color=_colour(number, count), linewidths=0, zorder=3)
+        axes.annotate((fit.name or str(number + 1)).rpartition("-")[2], at, fontsize=7, color=INK,
                       textcoords="offset points", xytext=(6, 4))  # fmt: skip
-    axes.set_rlim(0, max(_RINGS_DEG))
-    axes.set_rgrids(_RINGS_DEG, [f"{ring}°" for ring in _RINGS_DEG], fontsize=7, color=FAINT)
-    axes.set_thetagrids((0, 90, 180, 270), ("right", "up", "left", "down"), fontsize=8, color=INK)
-    axes.grid(True, linewidth=0.4, color=_GRID)
-    titled(axes, "where the board faced (larger: nearer)", simulated, narrow=True)
+    most = max(_RINGS_DEG) + 2
+    axes.set_xlim(-most, most)
+    axes.set_ylim(most, -most)
+    axes.set_aspect("equal")
+    axes.axhline(0, color=_GRID, linewidth=0.5, zorder=0)
+    axes.axvline(0, color=_GRID, linewidth=0.5, zorder=0)
+    titled(axes, "where the board faced (larger: nearer)", simulated)
+    labelled(axes, "faced left / right / degrees", "faced up / down / degrees")
 
 
 def _colour(number: int, count: int) -> Any:

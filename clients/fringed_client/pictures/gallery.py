@@ -9,11 +9,22 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fringed.data import BoardView, FrameSet, Mesh, Model, PhaseMap, RangeImage, Registration, Truth
+from fringed.data import (
+    BoardView,
+    Calibration,
+    FrameSet,
+    Mesh,
+    Model,
+    PhaseMap,
+    RangeImage,
+    Registration,
+    Truth,
+    Verification,
+)
 from fringed.errors import UsageError
-from fringed_client.pictures import boards, charts, maps, views
+from fringed_client.pictures import boards, calibration, charts, maps, verification, views
 
-DRAWN = "FrameSet, PhaseMap, BoardView, RangeImage, Model, Registration and Truth"
+DRAWN = "FrameSet, PhaseMap, BoardView, Calibration, Verification, RangeImage, Model, Registration and Truth"
 
 
 def draw_all(content: Any, folder: Path) -> list[Path]:
@@ -47,6 +58,8 @@ def draw_all(content: Any, folder: Path) -> list[Path]:
             path = folder / "convergence.png"
             drawn.append(charts.draw_convergence(path, content.registrations, content.provenance.simulated))
         return drawn
+    if isinstance(content, Calibration):
+        return calibration.draw_all(content, folder)
     return [draw_main(content, folder / f"{type(content).__name__.lower()}.png")]
 
 
@@ -63,6 +76,8 @@ def draw_main(content: Any, path: Path) -> Path:
         PhaseMap: lambda: (maps.draw_wrapped if content.kind == "wrapped" else maps.draw_phase)(path, content),
         BoardView: lambda: boards.draw_board_view(path, content),
         RangeImage: lambda: maps.draw_depth(path, content),
+        Calibration: lambda: calibration.draw_calibration(path, content),
+        Verification: lambda: verification.draw_verification(path, content),
         Model: lambda: views.draw_view(path, content, "oblique"),
         Registration: lambda: charts.draw_convergence(path, [content], content.provenance.simulated),
         Truth: lambda: maps.draw_map(

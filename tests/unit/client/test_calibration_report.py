@@ -52,7 +52,7 @@ def test_the_baseline_has_the_deviation_of_its_own_direction():
     found, _ = example()
     tilted = replace(found, T_projector_camera=np.eye(4) + np.array([[0, 0, 0, 3.0], [0] * 4, [0, 0, 0, 4.0], [0] * 4]))
     expected = np.hypot(0.6 * 0.02, 0.8 * 0.05)
-    assert tables.headline(tilted, None)["distance of camera and projector"] == f"5.000 ± {expected:.3f} mm"
+    assert tables.headline(tilted, None)[f"from camera to projector, ± {expected:.3f} mm"] == "5.000 mm"
 
 
 def test_a_pose_at_each_corner_is_asked_for_until_it_is_there():
