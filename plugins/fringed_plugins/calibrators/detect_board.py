@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _PX = {"units": "px"}
 _PICTURE_PX = 700
-_WINDOW_PITCHES = 0.75  # radius of the window in which the projector's place is fitted
+_WINDOW_PITCHES = 0.5  # radius of the window in which the projector's place is fitted: neighbours share no pixel
 
 
 class DetectBoard:

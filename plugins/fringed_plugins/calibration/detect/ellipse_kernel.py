@@ -1,21 +1,23 @@
 """A blurred ellipse fitted to the grey levels around it: centre, shape, blur and light at once.
 
 Owns the loop of Gauss and Newton on one window; `ellipses` prepares them. The picture of a mark is
-L (G + (M - G) Phi(-d / w)): light L = 1 + lx x + ly y, ground G, mark M, d the distance from the ellipse
-|A (x - c)| = 1, w the edge's blur. Least squares on it has the least variance that noise allows, and light that falls
-off does not pull the centre.
+L (G + (M - G) e(d, w)): light L = 1 + lx x + ly y, ground G, mark M, d the distance from the ellipse |A (x - c)| = 1,
+e what a pixel sees of an edge that a lens has blurred by w. Least squares on it has the least variance that noise
+allows, and light that falls off does not pull the centre.
 """
 
 from __future__ import annotations
 
-from math import erf, exp, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numba import njit
 
+from fringed_plugins.calibration.detect.edge_kernel import edge
+
 PARAMETERS = 10  # cx, cy, a11, a12, a22, w, G, M, lx, ly
-_LEAST_BLUR = 0.15
+_LEAST_BLUR = 0.05
 _options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
@@ -30,18 +32,16 @@ def _model(p: Any, x: float, y: float, row: Any) -> float:
     steep = sqrt(hx * hx + hy * hy)
     steep = max(steep, 1e-12)
     d = (q - 1.0) / steep
-    s = d / p[5]
-    inside = 0.5 - 0.5 * erf(s * 0.7071067811865476)
-    slope = 0.3989422804014327 * exp(-0.5 * s * s) if abs(s) < 12.0 else 0.0
+    inside, by_distance, by_blur = edge(d, hx / steep, hy / steep, p[5])
     light = 1.0 + p[8] * rx + p[9] * ry
     value = p[6] + (p[7] - p[6]) * inside
-    by_d = -light * (p[7] - p[6]) * slope / p[5]
+    by_d = -light * (p[7] - p[6]) * by_distance
     row[0] = -by_d * hx / steep - p[8] * value
     row[1] = -by_d * hy / steep - p[9] * value
     row[2] = by_d * mx * rx / (q * steep)
     row[3] = by_d * (mx * ry + my * rx) / (q * steep)
     row[4] = by_d * my * ry / (q * steep)
-    row[5] = -by_d * s
+    row[5] = -light * (p[7] - p[6]) * by_blur
     row[6] = light * (1.0 - inside)
     row[7] = light * inside
     row[8] = value * rx
