@@ -41,6 +41,17 @@ class Plane:
     form: Form
 
 
+@dataclass(frozen=True)
+class Piece:
+    """A fitted piece of surface: `normal` and `centre_mm` (3,); signed `deviation_mm` and `weights` (n,) inside."""
+
+    normal: Array
+    centre_mm: Array
+    inside: Array
+    deviation_mm: Array
+    weights: Array
+
+
 def plane_of(xyz_mm: Array, valid: Array, sigma_mm: Array | None = None, smooth_px: int = 7) -> Plane:
     """Return the plane of the largest smooth piece of a range image (height, width, 3).
 
@@ -90,7 +101,7 @@ def inside_of(cells: Cells, piece: Array, valid: Array) -> Array:
     return inside
 
 
-def fit_plane(xyz_mm: Array, inside: Array, sigma_mm: Array | None, smooth_px: int) -> Plane:
+def fit_piece(xyz_mm: Array, inside: Array, sigma_mm: Array | None) -> Piece:
     """Return the least-squares plane of the pixels inside; points beyond six deviations do not pull it."""
     points = xyz_mm[inside].astype(np.float64)
     aim = points / np.linalg.norm(points, axis=1, keepdims=True)
@@ -102,13 +113,21 @@ def fit_plane(xyz_mm: Array, inside: Array, sigma_mm: Array | None, smooth_px: i
         centre, normal = _orthogonal(points, weights)
         deviation = (points - centre) @ normal
         kept = np.abs(deviation - np.median(deviation)) <= STRAY * max(spread(deviation), 1e-9)
-    across = np.linalg.svd(normal[None])[2][1:]
-    rows = np.column_stack([np.ones(len(points)), (points - centre) @ across.T])
-    C = covariance(rows, weights, deviation, blocks_of(inside))
+    return Piece(normal, centre, inside, deviation, weights)
+
+
+def fit_plane(xyz_mm: Array, inside: Array, sigma_mm: Array | None, smooth_px: int) -> Plane:
+    """Return the plane of the pixels inside, with its uncertainty and form."""
+    piece = fit_piece(xyz_mm, inside, sigma_mm)
+    across = np.linalg.svd(piece.normal[None])[2][1:]
+    points = xyz_mm[inside].astype(np.float64)
+    rows = np.column_stack([np.ones(len(points)), (points - piece.centre_mm) @ across.T])
+    C = covariance(rows, piece.weights, piece.deviation_mm, blocks_of(inside))
     whole = np.zeros(inside.shape)
-    whole[inside] = deviation
+    whole[inside] = piece.deviation_mm
     form = form_of(whole, inside, smooth_px)
-    return Plane(normal, float(normal @ centre), float(np.sqrt(C[0, 0])), centre, inside, form)
+    offset = float(piece.normal @ piece.centre_mm)
+    return Plane(piece.normal, offset, float(np.sqrt(C[0, 0])), piece.centre_mm, inside, form)
 
 
 def weights_of(sigma_mm: Array | None, inside: Array, cosine: Array) -> Array:
@@ -126,7 +145,7 @@ def _orthogonal(points: Array, weights: Array) -> tuple[Array, Array]:
     total = weights.sum()
     centre = np.einsum("n,ni->i", weights, points) / total
     away = points - centre
-    _, vectors = np.linalg.eigh(np.einsum("n,ni,nj->ij", weights, away, away) / total)
+    _, vectors = np.linalg.eigh(np.einsum("ni,nj->ij", away * weights[:, None], away) / total)
     normal = vectors[:, 0]
     return centre, np.asarray(-normal if normal @ centre > 0 else normal)
 

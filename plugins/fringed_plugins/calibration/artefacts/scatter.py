@@ -25,7 +25,7 @@ STRAY = 6.0
 _BLOCKS = 144
 _LARGEST_BLOCK_PX = 32
 _DRAWS = 200
-_BINS = 4000
+_BINS = 2000
 
 
 @dataclass(frozen=True)

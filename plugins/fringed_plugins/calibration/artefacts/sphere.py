@@ -135,7 +135,7 @@ def _fit(
         kept = np.abs(deviation - np.median(deviation)) <= STRAY * max(spread(deviation), 1e-9)
         weights = weights_of(sigma_mm, inside, np.einsum("ij,ij->i", aim, normals)) * kept
         rows = np.column_stack([normals, np.ones(len(points))])[:, :size]
-        H = np.einsum("ni,n,nj->ij", rows, weights, rows)
+        H = np.einsum("ni,nj->ij", rows * weights[:, None], rows)
         step = np.linalg.lstsq(H, rows.T @ (weights * deviation), rcond=None)[0]
         centre = centre + step[:3]
         radius = radius if held else radius + float(step[3])

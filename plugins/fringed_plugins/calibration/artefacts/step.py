@@ -18,7 +18,15 @@ import numpy.typing as npt
 from scipy.ndimage import binary_opening
 
 from fringed_plugins.calibration.artefacts.cells import cells_of
-from fringed_plugins.calibration.artefacts.plane import FEWEST, TURN_RAD, Plane, fit_plane, weights_of
+from fringed_plugins.calibration.artefacts.plane import (
+    FEWEST,
+    TURN_RAD,
+    Piece,
+    Plane,
+    fit_piece,
+    fit_plane,
+    weights_of,
+)
 from fringed_plugins.calibration.artefacts.scatter import STRAY, blocks_of, covariance, spread
 from fringed_plugins.calibration.artefacts.smooth import pieces
 
@@ -74,14 +82,14 @@ def steps_of(
     cells = cells_of(xyz_mm, valid)
     least = max(FEWEST // cells.side**2, 10)
     found = [piece for piece in pieces(cells, TURN_RAD) if np.count_nonzero(binary_opening(piece, _WIDE)) >= least]
-    planes = [fit_plane(xyz_mm, cells.pixels(piece, valid.shape) & valid, sigma_mm, smooth_px) for piece in found]
+    planes = [fit_piece(xyz_mm, cells.pixels(piece, valid.shape) & valid, sigma_mm) for piece in found]
     parallel = _parallel(planes, cells.field_mm)
     levels = _levels(parallel, gap)
     chosen, nominal = _matched(levels, wanted, gap)
     return _joint(xyz_mm, [levels[i][1] for i in chosen], sigma_mm, (nominal, smooth_px))
 
 
-def _parallel(planes: list[Plane], field_mm: float) -> list[Plane]:
+def _parallel(planes: list[Piece], field_mm: float) -> list[Piece]:
     """Return the flat planes that are parallel to the one with most company.
 
     Raises
@@ -89,7 +97,7 @@ def _parallel(planes: list[Plane], field_mm: float) -> list[Plane]:
     ValueError
         fewer than two.
     """
-    flat = [plane for plane in planes if plane.form.rms_mm < 0.01 * field_mm]
+    flat = [plane for plane in planes if spread(plane.deviation_mm) < 0.01 * field_mm]
     normals = np.array([plane.normal for plane in flat]).reshape(-1, 3)
     sizes = np.array([np.count_nonzero(plane.inside) for plane in flat])
     alike = normals @ normals.T > np.cos(_PARALLEL_RAD)
@@ -102,12 +110,12 @@ def _parallel(planes: list[Plane], field_mm: float) -> list[Plane]:
     return [plane for plane, same in zip(flat, alike[best], strict=True) if same]
 
 
-def _levels(planes: list[Plane], gap_mm: float) -> list[tuple[float, list[Plane]]]:
+def _levels(planes: list[Piece], gap_mm: float) -> list[tuple[float, list[Piece]]]:
     """Return heights and planes from the lowest (farthest) up; pieces of one plane go together."""
     sizes = [float(np.count_nonzero(plane.inside)) for plane in planes]
     normal = np.average([plane.normal for plane in planes], axis=0, weights=sizes)
     normal /= np.linalg.norm(normal)
-    levels: list[tuple[float, list[Plane]]] = []
+    levels: list[tuple[float, list[Piece]]] = []
     for height, plane in sorted(((float(normal @ p.centre_mm), p) for p in planes), key=lambda pair: pair[0]):
         if levels and height - levels[-1][0] < _SAME * gap_mm:
             levels[-1][1].append(plane)
@@ -116,7 +124,7 @@ def _levels(planes: list[Plane], gap_mm: float) -> list[tuple[float, list[Plane]
     return levels
 
 
-def _matched(levels: list[tuple[float, list[Plane]]], wanted: Array, gap_mm: float) -> tuple[list[int], Array]:
+def _matched(levels: list[tuple[float, list[Piece]]], wanted: Array, gap_mm: float) -> tuple[list[int], Array]:
     """Return the levels (lowest first) that have the nominal heights, and these heights above the first.
 
     Raises
@@ -142,7 +150,7 @@ def _matched(levels: list[tuple[float, list[Plane]]], wanted: Array, gap_mm: flo
     )
 
 
-def _joint(xyz_mm: Array, levels: list[list[Plane]], sigma_mm: Array | None, given: tuple[Array, int]) -> Steps:
+def _joint(xyz_mm: Array, levels: list[list[Piece]], sigma_mm: Array | None, given: tuple[Array, int]) -> Steps:
     """Fit one direction and an offset for each level; returns the heights with their covariance."""
     nominal, smooth_px = given
     inside = np.zeros(xyz_mm.shape[:2], np.uint8)
@@ -162,7 +170,7 @@ def _joint(xyz_mm: Array, levels: list[list[Plane]], sigma_mm: Array | None, giv
         across = np.linalg.svd(normal[None])[2][1:]
         weights = weights_of(sigma_mm, inside > 0, aim @ normal) * kept
         rows = np.column_stack([away @ across.T, member])
-        H = np.einsum("ni,n,nj->ij", rows, weights, rows)
+        H = np.einsum("ni,nj->ij", rows * weights[:, None], rows)
         found = np.linalg.solve(H, rows.T @ (weights * (away @ normal)))
         normal = normal - found[:2] @ across
         normal /= np.linalg.norm(normal)
