@@ -22,6 +22,7 @@ COMMANDS = {
     "exposure": ("exposure", "Suggest exposures for what stands before the rig."),
     "latency": ("scanning", "Measure the display-to-camera delay."),
     "tone": ("tone", "Measure, verify and show the projector's tone curve."),
+    "board": ("board", "Make a calibration board to print, at exact scale."),
     "calibrate": ("calibrate", "Calibrate the rig from poses of a board, or a folder of images."),
     "calibration": ("calibration", "List, show, compare and choose calibrations."),
     "verify": ("verify", "Measure a known artefact: does the calibration hold?"),
