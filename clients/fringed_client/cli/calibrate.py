@@ -69,7 +69,7 @@ def calibrate_command(source: Path | None, options: Options, **wish: Any) -> int
             for view in _views(work, source):
                 work.add(view)
         except KeyboardInterrupt:
-            _interrupted(work)
+            _interrupted(work, source)
             raise
         if wish["write"]:
             work.files.append(_write(work, wish["write"]))
@@ -189,10 +189,9 @@ def _ready(work: _Work) -> Callable[[Pose], bool]:
     return asked
 
 
-def _interrupted(work: _Work) -> None:
-    if work.views:
-        ids = len(work.good)
-        output.say(f"{ids} poses are kept on the station; go on with `fringe calibrate --resume`")
+def _interrupted(work: _Work, source: Path | None) -> None:
+    if source is None and not work.wish["views"]:
+        output.say("every pose that was taken is kept on the station; go on with `fringe calibrate --resume`")
 
 
 def _too_few(work: _Work) -> Exception:
