@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _MM, _PX = {"units": "mm"}, {"units": "px"}
 _DEPTHS = 5
+_CERTAIN = 2.0
 _USUAL = (0.9, 1.1)  # of the depth where a rig is aimed, where no poses say more
 
 
@@ -31,7 +32,8 @@ class CompareCalibrations:
     """Two calibrations of one rig to what differs: each number in its deviations, and points in millimetres.
 
     The displacement is between points of equal pixels of camera and projector, over the depths of the poses: what a
-    scan would show. Numbers trade against each other, so their differences alone say little.
+    scan would show. Numbers trade against each other, so their differences alone say little. It is drift where it is
+    more than `max_drift_mm`, and more than twice what both calibrations' covariances leave.
 
     References
     ----------
@@ -49,7 +51,8 @@ class CompareCalibrations:
         """Parameters."""
 
         max_drift_mm: Annotated[
-            float, Meta(gt=0, le=1e3, description="RMS displacement that is no drift", extra_json_schema=_MM)
+            float,
+            Meta(gt=0, le=1e3, description="RMS displacement that is no drift in any case", extra_json_schema=_MM),
         ] = 0.03
         depths_mm: Annotated[
             tuple[Annotated[float, Meta(gt=0)], ...],
@@ -57,7 +60,7 @@ class CompareCalibrations:
         ] = ()
 
     def run(self, inputs: Mapping[str, Any], params: Params, context: Context) -> Artifact:
-        """Return JSON: `verdict` ("same" or "drifted"), `rms_mm`, `max_mm`, `depths_mm`, `parameters`.
+        """Return JSON: `verdict` ("same" or "drifted"), `rms_mm`, `max_mm`, `expected_mm`, `depths_mm`, `parameters`.
 
         Raises
         ------
@@ -79,9 +82,12 @@ class CompareCalibrations:
                 f"no point at {depths.min():g} to {depths.max():g} mm lies in both pictures; give depths_mm"
             )
         rms, most = float(np.sqrt(np.nanmean(length**2))), float(np.nanmax(length))
+        expected = float(np.hypot(_trueness_mm(a, depths), _trueness_mm(b, depths)))
+        same = rms <= max(params.max_drift_mm, _CERTAIN * expected)
         table = {
-            "a": a.id or a.hash, "b": b.id or b.hash, "verdict": "same" if rms <= params.max_drift_mm else "drifted",
-            "rms_mm": rms, "max_mm": most, "max_drift_mm": params.max_drift_mm, "depths_mm": depths.tolist(),
+            "a": a.id or a.hash, "b": b.id or b.hash, "verdict": "same" if same else "drifted",
+            "rms_mm": rms, "max_mm": most, "expected_mm": expected, "max_drift_mm": params.max_drift_mm,
+            "depths_mm": depths.tolist(),
             "parameters": _numbers(a, b),
         }  # fmt: skip
         return Artifact("comparison.json", "application/json", np.frombuffer(json.dumps(table).encode(), np.uint8))
@@ -180,6 +186,19 @@ def _depths_mm(a: Calibration, b: Calibration) -> list[float]:
     except ValueError as error:
         raise DataError(f"depths_mm is not given, and {error}") from error
     return [float(aim * part) for part in np.linspace(*_USUAL, _DEPTHS)]
+
+
+def _trueness_mm(one: Calibration, depths: Float64Array) -> float:
+    """Return the deviation of points that a calibration's covariance leaves, RMS; 0 where it has none."""
+    from fringed_plugins.calibration.pixel.uncertainty import trueness_mm
+
+    if one.covariance is None:
+        return 0.0
+    rig = _geometry(one)
+    sigma = trueness_mm(
+        rig.camera, rig.projector, rig.T_projector_camera, one.covariance, one.parameters, depths_mm=depths
+    )
+    return float(np.sqrt(np.nanmean((sigma**2).sum(axis=-1))))
 
 
 def _numbers(a: Calibration, b: Calibration) -> list[dict[str, Any]]:

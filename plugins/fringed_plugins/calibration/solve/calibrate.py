@@ -7,11 +7,12 @@ and what comes out is looked at again.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from fringed_plugins.calibration.detect.projector_points import wrong_orders
 from fringed_plugins.calibration.solve import consistency, findings
 from fringed_plugins.calibration.solve.adjustment import Adjusted, Tick
 from fringed_plugins.calibration.solve.estimate import Settings, estimate
@@ -61,6 +62,7 @@ def calibrate_rig(
         views that cannot give a calibration that is right, with what is wrong and what to do.
     """
     wanted = demands or Demands()
+    given, seen = seen, [without_wrong_orders(one) for one in seen]
     left_out = {v: _few(o) for v, o in enumerate(seen) if o.lit.sum() < _LEAST_POINTS}
     hands = findings.handedness(seen)
     _refuse(hands)
@@ -76,6 +78,7 @@ def calibrate_rig(
     left_out |= {v: consistency.why(seen[v], adjusted.rig) for v, text in left_out.items() if not text}
     _refuse(consistency.stretched(chosen, adjusted))
     figures = figures_of(chosen, adjusted, camera_size)
+    figures["points_dropped"] += sum(int(given[v].lit.sum() - seen[v].lit.sum()) for v in used)
     _refuse(_residuals(figures, wanted))
     notes = [*findings.tilts(adjusted.rig.poses), *findings.coverage(chosen, camera_size)[1]]
     notes += [*findings.duplicates(chosen, adjusted.rig.poses), *findings.lenses(adjusted.rig)]
@@ -108,6 +111,15 @@ def _consistent(
         left_out |= {used[k]: "" for k in wrong}
         used = [v for k, v in enumerate(used) if k not in wrong]
         start = None
+
+
+def without_wrong_orders(observed: Observation) -> Observation:
+    """Return a view without the projector's pixels that are off the smooth grid of the others."""
+    columns, rows = observed.projector_px.T
+    wrong = wrong_orders(observed.board_mm[:, :2], columns, rows)
+    if not wrong.any():
+        return observed
+    return replace(observed, projector_px=np.where(wrong[:, None], np.nan, observed.projector_px))
 
 
 def _few(observed: Observation) -> str:

@@ -23,6 +23,7 @@ _SIGMAS = 8.0
 _STRETCH, _STRETCH_SIGMAS = 5e-4, 6.0
 _LEFT_OUT = 0.4  # share of a view's points that may be off before the view is
 _WORSE = 4.0  # times the others' residuals
+_EXPLAINED_PX = 0.3
 
 
 def deviating(seen: Sequence[Observation], found: Adjusted) -> list[int]:
@@ -44,12 +45,14 @@ def why(observed: Observation, rig: Rig) -> str:
     """Return why a view does not fit: a board of another size, a projector that moved, or something else."""
     pose = pose_of(observed, rig)
     scale = _scale(observed, rig, pose)
-    if scale is not None and abs(scale[0] - 1) > 5 * scale[1] and abs(scale[0] - 1) > 2e-4 and scale[2] < 0.3:
-        size = f"{abs(scale[0] - 1):.2%} {'larger' if scale[0] > 1 else 'smaller'}"
-        return f"its board is {size} than that of the other views: another board, or another pitch"
     step, rms = _projector_moved(observed, rig, pose)
     angle, shift = float(np.degrees(np.linalg.norm(step[:3]))), float(np.linalg.norm(step[3:]))
-    if rms < 0.3 and (angle > MOVED_DEG or shift > MOVED_MM):
+    other_size = scale is not None and abs(scale[0] - 1) > max(5 * scale[1], 2e-4) and scale[2] < _EXPLAINED_PX
+    moved_ = rms < _EXPLAINED_PX and (angle > MOVED_DEG or shift > MOVED_MM)
+    if scale is not None and other_size and not (moved_ and rms < scale[2]):
+        size = f"{abs(scale[0] - 1):.2%} {'larger' if scale[0] > 1 else 'smaller'}"
+        return f"its board is {size} than that of the other views: another board, or another pitch"
+    if moved_:
         return f"in it the projector stands elsewhere: turned by {angle:.2f} degrees, moved by {shift:.1f} mm"
     return "it fits neither the other views' rig nor their board: did something move while it was taken?"
 
@@ -119,31 +122,32 @@ def moved_between(seen: Sequence[Observation], transforms: Float64Array) -> list
     middle = middle_transform(transforms)
     turn = np.array([np.degrees(rotation_vector(t[:3, :3] @ middle[:3, :3].T)) for t in transforms])
     shift = np.array([(t[:3, 3] - middle[:3, 3]) for t in transforms])
-    best: tuple[float, int, float, float] | None = None
-    for split in range(2, len(seen) - 1):
-        parts = [(values[:split], values[split:]) for values in (turn, shift)]
-        jumps = [float(np.linalg.norm(np.median(b, axis=0) - np.median(a, axis=0))) for a, b in parts]
-        noise = [
-            float(
-                np.median(np.linalg.norm(np.concatenate([a - np.median(a, axis=0), b - np.median(b, axis=0)]), axis=1))
-            )
-            for a, b in parts
-        ]
-        sure = max(jumps[0] / max(noise[0], MOVED_DEG / _SIGMAS), jumps[1] / max(noise[1], MOVED_MM / _SIGMAS))
-        if sure > _SIGMAS and (best is None or sure > best[0]):
-            best = (sure, split, jumps[0], jumps[1])
-    if best is None:
+    splits = range(2, len(seen) - 1)
+    steps = [(_step(turn, k), _step(shift, k)) for k in splits]
+    if not steps:
         return []
-    _, split, angle, length = best
+    least = [max(min(pair[part][1] for pair in steps), 1e-9) for part in (0, 1)]
+    best = min(range(len(steps)), key=lambda k: sum(steps[k][part][1] / least[part] for part in (0, 1)))
+    (angle, angle_noise), (length, length_noise) = steps[best]
+    if angle < max(_SIGMAS * angle_noise, MOVED_DEG) and length < max(_SIGMAS * length_noise, MOVED_MM):
+        return []
+    before, after = seen[splits[best] - 1].name, seen[splits[best]].name
     return [
         Finding(
-            seen[split].name,
-            f"the rig moved between {seen[split - 1].name} and {seen[split].name}: from there on the projector is "
-            f"turned by {angle:.2f} degrees and moved by {length:.1f} mm against the camera; fix both, and take the "
-            "views again",
+            after,
+            f"the rig moved between {before} and {after}: from there on the projector is turned by {angle:.2f} degrees "
+            f"and moved by {length:.1f} mm against the camera; fix both, and take the views again",
             True,
         )
     ]
+
+
+def _step(values: Float64Array, split: int) -> tuple[float, float]:
+    """Return how far apart the two parts of `values` (v, 3) are, and the mean distance from their own middles."""
+    parts = values[:split], values[split:]
+    middles = [np.median(part, axis=0) for part in parts]
+    off = np.concatenate([part - middle for part, middle in zip(parts, middles, strict=True)])
+    return float(np.linalg.norm(middles[1] - middles[0])), float(np.mean(np.linalg.norm(off, axis=1)))
 
 
 def stretched(seen: Sequence[Observation], found: Adjusted) -> list[Finding]:
