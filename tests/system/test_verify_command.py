@@ -101,6 +101,13 @@ def test_ball_bar_of_a_recorded_range_image(rig: Path) -> None:
     assert abs(told["figures"]["sphere_spacing_error"]) < 4 * told["figures"]["sphere_spacing_error_u"] < 0.05
 
 
+def test_ball_bar_before_the_rig(rig: Path) -> None:
+    options = ("--option", "radius_mm=45", "--option", "spacing_mm=200")
+    scene("ball-bar", rig, *options, "--rotation", "0,15,20")
+    told = document("verify", "ball-bar", "--radius", "45", "--spacing", "200", runtime=rig)
+    assert abs(told["figures"]["sphere_spacing_error"]) < 4 * told["figures"]["sphere_spacing_error_u"] < 0.2
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

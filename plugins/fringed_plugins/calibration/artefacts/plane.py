@@ -77,9 +77,9 @@ def plane_of(xyz_mm: Array, valid: Array, sigma_mm: Array | None = None, smooth_
         raise ValueError("no smooth piece of surface is in view; clean the plane, or expose longer")
     inside = inside_of(cells, found[0], valid)
     plane = fit_plane(xyz_mm, inside, sigma_mm, smooth_px)
-    _check_flat(plane, xyz_mm, cells)
+    _check_flat(plane, xyz_mm)
     if len(found) > 1:
-        _check_alone(plane, found, cells)
+        _check_alone(found, cells)
     return plane
 
 
@@ -150,7 +150,7 @@ def _orthogonal(points: Array, weights: Array) -> tuple[Array, Array]:
     return centre, np.asarray(-normal if normal @ centre > 0 else normal)
 
 
-def _check_flat(plane: Plane, xyz_mm: Array, cells: Cells) -> None:
+def _check_flat(plane: Plane, xyz_mm: Array) -> None:
     """Refuse a surface that is bent by itself, and no plane that is badly measured."""
     extent = float(np.ptp(xyz_mm[plane.inside][:, :2], axis=0).max())
     if plane.form.rms_mm > _NO_PLANE * extent:
@@ -160,7 +160,7 @@ def _check_flat(plane: Plane, xyz_mm: Array, cells: Cells) -> None:
         )
 
 
-def _check_alone(plane: Plane, found: list[Array], cells: Cells) -> None:
+def _check_alone(found: list[Array], cells: Cells) -> None:
     first, second = (int(np.count_nonzero(piece)) for piece in found[:2])
     if second < _SECOND * first:
         return
