@@ -134,7 +134,7 @@ def _light(folder: Path, found: Calibration) -> str:
     if found.tone_curve is not None:
         drawn = draw_tone(folder / "pictures" / "tone.png", found, found.provenance.simulated)
         parts.append(_image(folder, drawn, "half"))
-    return f"<h2>Light</h2>{''.join(parts)}" if parts else ""
+    return f'<h2>Light</h2><div class="pictures">{"".join(parts)}</div>' if parts else ""
 
 
 def _view(folder: Path, found: Calibration, view: BoardView, fit: ViewFit | None) -> str:

@@ -97,7 +97,7 @@ class Session:
         DataError
             the views do not determine one, with what is wrong and with which view.
         """
-        stage = {"name": "calibration", "plugin": SOLVER, "params": dict(self.wish.solver)}
+        stage = {"name": "calibration", "plugin": SOLVER, "params": {**self._nominal(views), **self.wish.solver}}
         return self._calibration({"views": [view.id for view in views]}, stage, on_progress)
 
     def ramp(self, on_progress: OnProgress) -> str:
@@ -160,6 +160,13 @@ class Session:
         except FringedError:  # a damaged or removed recording does not keep the others from being used
             return None
         return found if isinstance(found, BoardView) else None
+
+    def _nominal(self, views: Sequence[BoardView]) -> dict[str, Any]:
+        """Return where a simulated rig of this station has its reference plane, as a person tells of a real one."""
+        rig = self.station.status().rig
+        if not self.station.hello.get("simulated") or any(view.provenance.rig != rig for view in views):
+            return {}
+        return {"reference_plane_mm": self.config["simulation"]["scene"]["backdrop_distance_mm"]}
 
     def _look_for(self, name: str, whole: bool = False) -> dict[str, Any]:
         import msgspec

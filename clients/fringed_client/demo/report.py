@@ -54,8 +54,9 @@ def _calibration(found: dict[str, Any]) -> str:
 
 def _displaced(found: dict[str, Any]) -> str:
     """Return how far points are from where the exact calibration puts them."""
-    rows = [(key.replace("_", " "), f"{value:.4g}") for key, value in found.items() if isinstance(value, (int, float))]
-    return _table(("points against the exact calibration", ""), rows)
+    depths = f"{min(found['depths_mm']):.0f} to {max(found['depths_mm']):.0f} mm"
+    rows = [(f"over the picture, at {depths}", _um(found["rms_mm"]), _um(found["max_mm"]))]
+    return _table(("points against the exact calibration", "RMS / µm", "largest / µm"), rows)
 
 
 def _um(value_mm: float) -> str:

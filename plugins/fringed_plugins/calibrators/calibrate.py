@@ -215,8 +215,11 @@ def _lens(lens: Any) -> Lens:
 
 
 def _with_light(new: Calibration, old: Any) -> Calibration:
-    """Keep what an older calibration of the same devices knows of light: it does not depend on geometry."""
-    if not isinstance(old, Calibration):
+    """Keep what an older calibration of the same devices knows of light: it does not depend on geometry.
+
+    The simulator's own lends nothing: what is made of images must not know the truth.
+    """
+    if not isinstance(old, Calibration) or old.source == "exact-simulated":
         return new
     sizes = [(c.projector.width_px, c.projector.height_px) for c in (new, old)]
     if sizes[0] != sizes[1] or (old.rig and new.rig and old.rig != new.rig):
