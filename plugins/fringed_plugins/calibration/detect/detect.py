@@ -120,7 +120,8 @@ def _judged(found: Detection, image: Float32Array, spec: BoardSpec, how: tuple[A
     if not found.found:
         return found
     board = spec.points_mm[found.index, :2]
-    residual = grid_residuals(board, found.px)
+    radius = np.sqrt(found.ellipses[:, 2] * found.ellipses[:, 3]) if len(found.ellipses) else None
+    residual = grid_residuals(board, found.px, radius)
     size = np.linalg.norm(residual, axis=1)
     typical = float(np.nanmedian(size)) if np.isfinite(size).any() else float("nan")
     stray = np.isfinite(size) & (size > _STRAY * typical + _STRAY_PX)

@@ -17,13 +17,17 @@ from numba import njit
 from fringed_plugins.calibration.detect.edge_kernel import edge
 
 PARAMETERS = 10  # cx, cy, a11, a12, a22, w, G, M, lx, ly
+_LIGHT = 6  # the first parameter that matters away from the edge
 _LEAST_BLUR = 0.05
 _options: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 @njit(**_options)
-def _model(p: Any, x: float, y: float, row: Any) -> float:
-    """Return the grey level at (x, y) and write its derivatives by the parameters to `row`."""
+def _model(p: Any, start: Any, x: float, y: float, row: Any) -> tuple[float, int]:
+    """Return the grey level at (x, y) and the first parameter that moves it; write its derivatives to `row`.
+
+    Light is counted from where the fit started, so that away from the edge nothing but light and levels matters.
+    """
     rx, ry = x - p[0], y - p[1]
     mx, my = p[2] * rx + p[3] * ry, p[3] * rx + p[4] * ry
     q = sqrt(mx * mx + my * my)
@@ -31,43 +35,46 @@ def _model(p: Any, x: float, y: float, row: Any) -> float:
     hx, hy = (p[2] * mx + p[3] * my) / q, (p[3] * mx + p[4] * my) / q  # the gradient of q
     steep = sqrt(hx * hx + hy * hy)
     steep = max(steep, 1e-12)
-    d = (q - 1.0) / steep
-    inside, by_distance, by_blur = edge(d, hx / steep, hy / steep, p[5])
-    light = 1.0 + p[8] * rx + p[9] * ry
+    inside, by_distance, by_blur = edge((q - 1.0) / steep, hx / steep, hy / steep, p[5])
+    lx, ly = x - start[0], y - start[1]
+    light = 1.0 + p[8] * lx + p[9] * ly
     value = p[6] + (p[7] - p[6]) * inside
+    row[6] = light * (1.0 - inside)
+    row[7] = light * inside
+    row[8] = value * lx
+    row[9] = value * ly
+    if by_distance == 0.0 and by_blur == 0.0:
+        return light * value, _LIGHT
     by_d = -light * (p[7] - p[6]) * by_distance
-    row[0] = -by_d * hx / steep - p[8] * value
-    row[1] = -by_d * hy / steep - p[9] * value
+    row[0] = -by_d * hx / steep
+    row[1] = -by_d * hy / steep
     row[2] = by_d * mx * rx / (q * steep)
     row[3] = by_d * (mx * ry + my * rx) / (q * steep)
     row[4] = by_d * my * ry / (q * steep)
     row[5] = -light * (p[7] - p[6]) * by_blur
-    row[6] = light * (1.0 - inside)
-    row[7] = light * inside
-    row[8] = value * rx
-    row[9] = value * ry
-    return float(light * value)
+    return light * value, 0
 
 
 @njit(**_options)
 def _sums(image: Any, window: Any, reach: float, p: Any, out: Any) -> tuple[float, int]:
     """Add up the normal equations of one window; return the squared misfit and the pixels that count."""
-    normal, right, row, shape = out
+    normal, right, row, start = out
     normal[:] = 0.0
     right[:] = 0.0
     total, count = 0.0, 0
     for r in range(window[0], window[1]):
         for c in range(window[2], window[3]):
-            rx, ry = c - shape[0], r - shape[1]
-            mx, my = shape[2] * rx + shape[3] * ry, shape[3] * rx + shape[4] * ry
+            rx, ry = c - start[0], r - start[1]
+            mx, my = start[2] * rx + start[3] * ry, start[3] * rx + start[4] * ry
             if mx * mx + my * my > reach * reach or not np.isfinite(image[r, c]):
                 continue
-            off = image[r, c] - _model(p, float(c), float(r), row)
+            value, first = _model(p, start, float(c), float(r), row)
+            off = image[r, c] - value
             total += off * off
             count += 1
-            for i in range(PARAMETERS):
+            for i in range(first, PARAMETERS):
                 right[i] += row[i] * off
-                for j in range(i + 1):
+                for j in range(first, i + 1):
                     normal[i, j] += row[i] * row[j]
     for i in range(PARAMETERS):
         for j in range(i):
@@ -101,29 +108,29 @@ def _fit(image: Any, window: Any, reach: float, p: Any, sums: Any) -> bool:
     """Improve `p` until it moves no more, by damped steps; return whether it stayed with the mark."""
     normal, right, _, start = sums
     tried, damped = np.empty(PARAMETERS), np.empty((PARAMETERS, PARAMETERS))
+    best, slope = np.empty((PARAMETERS, PARAMETERS)), np.empty(PARAMETERS)
     total, count = _sums(image, window, reach, p, sums)
+    best[:], slope[:] = normal, right
     damping = 1e-3
     for _ in range(40 if count > 3 * PARAMETERS else 0):
-        damped[:] = normal
+        damped[:] = best
         for i in range(PARAMETERS):
             damped[i, i] = damped[i, i] * (1.0 + damping) + 1e-12
-        tried[:] = p + np.linalg.solve(damped, right)
+        tried[:] = p + np.linalg.solve(damped, slope)
         tried[5] = max(tried[5], _LEAST_BLUR)
         now = np.inf
         if _acceptable(tried, start):
             now, count = _sums(image, window, reach, tried, sums)
+        small = abs(tried[0] - p[0]) + abs(tried[1] - p[1]) < 1e-4 and abs(total - now) < 1e-6 * total
         if now <= total:
-            small = abs(tried[0] - p[0]) + abs(tried[1] - p[1]) < 1e-4 and total - now < 1e-6 * total
             p[:] = tried
             total = now
+            best[:], slope[:] = normal, right
             damping *= 0.2
-            if small:
-                break
         else:
             damping *= 10.0
-            _sums(image, window, reach, p, sums)
-            if damping > 1e8:
-                break
+        if small or damping > 1e8:
+            break
     return bool(count > 3 * PARAMETERS and _acceptable(p, start))
 
 

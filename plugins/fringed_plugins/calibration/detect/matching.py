@@ -77,18 +77,26 @@ def _few_big(big: Bools, known: Bools) -> str:
 def _best(lattice: Int32Array, known: Bools, big: Bools, spec: BoardSpec, px: Float64Array) -> tuple[float, Int32Array]:
     """Return the score and the points of the best turn and shift: large marks that fit, or marks that fit at all."""
     own = board_lattice(spec)
-    table = {(int(x), int(y)): k for k, (x, y) in enumerate(own)}
+    table, low = _table(own)
     best: tuple[float, float, Int32Array] = (-1.0, 0.0, np.full(len(lattice), -1, np.int32))
     for turn in _TURNS:
         turned = lattice @ turn.T
         for shift in _shifts(turned[known], turned[known & big], own, spec):
-            index = np.array([table.get((int(x), int(y)), -1) for x, y in turned + shift], np.int32)
-            index[~known] = -1
+            x, y = np.clip(turned + shift - low + 1, 0, np.array(table.shape) - 1).T
+            index = np.where(known, table[x, y], np.int32(-1))
             score = _score(index, known, big, spec)
             upright = _upright(index, px, spec)
             if (score, upright) > best[:2]:
                 best = (score, upright, index)
     return best[0], best[2]
+
+
+def _table(own: Int32Array) -> tuple[Int32Array, Int32Array]:
+    """Return which point lies at each place of the lattice, -1 for none and all around, and the lowest place."""
+    low = own.min(axis=0)
+    table = np.full(own.max(axis=0) - low + 3, -1, np.int32)
+    table[tuple((own - low + 1).T)] = np.arange(len(own))
+    return table, low
 
 
 def _shifts(marks: Int32Array, large: Int32Array, own: Int32Array, spec: BoardSpec) -> list[Int32Array]:
