@@ -13,16 +13,19 @@ import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.calibration.detect.projector_points import wrong_orders
-from fringed_plugins.calibration.solve import consistency, findings
+from fringed_plugins.calibration.solve import causes, consistency, findings
 from fringed_plugins.calibration.solve.adjustment import Adjusted, Tick
 from fringed_plugins.calibration.solve.estimate import Settings, estimate
 from fringed_plugins.calibration.solve.findings import Finding
 from fringed_plugins.calibration.solve.initial import Size, initial_rig
 from fringed_plugins.calibration.solve.observations import Observation, Rig
+from fringed_plugins.calibration.solve.projection import SHARED, STEREO
+from fringed_plugins.calibration.solve.shape import SHAPE, shaped
 
 Float64Array = npt.NDArray[np.float64]
 
 _LEAST_POINTS = 8
+_SHAPES = 3
 PITCH_NOTE = (
     "a pitch that is wrong everywhere shows in no residual: it scales every length alike; measure the print, and "
     "verify with an artefact of known size"
@@ -76,15 +79,20 @@ def calibrate_rig(
     used, adjusted = _consistent(seen, (camera_size, projector_size), (wanted, tick), (rig, used, left_out))
     chosen = [seen[v] for v in used]
     left_out |= {v: consistency.why(seen[v], adjusted.rig) for v, text in left_out.items() if not text}
-    _refuse(consistency.stretched(chosen, adjusted))
+    adjusted, told, notes = _explained(chosen, adjusted, (camera_size, projector_size), (wanted, tick))
+    unequal = causes.between_views(told)
+    adjusted = replace(adjusted, covariance=adjusted.covariance * unequal)
+    notes += [*causes.findings_of(chosen, adjusted, told), *findings.lenses(adjusted.rig, adjusted.covariance)]
+    _refuse(notes)
     figures = figures_of(chosen, adjusted, camera_size)
+    figures["between_views_factor"] = float(np.sqrt(unequal))
     figures["points_dropped"] += sum(int(given[v].lit.sum() - seen[v].lit.sum()) for v in used)
     _refuse(_residuals(figures, wanted))
-    notes = [*findings.tilts(adjusted.rig.poses), *findings.coverage(chosen, camera_size)[1]]
-    notes += [*findings.duplicates(chosen, adjusted.rig.poses), *findings.lenses(adjusted.rig)]
-    told = [f"{one.view}: {one.text}" if one.view else one.text for one in notes]
-    told += [f"{seen[v].name} was left out: {text}" for v, text in sorted(left_out.items())]
-    return Calibrated(adjusted, tuple(used), left_out, (*told, PITCH_NOTE), figures)
+    notes += [*findings.tilts(adjusted.rig.poses), *findings.coverage(chosen, camera_size)[1]]
+    notes += findings.duplicates(chosen, adjusted.rig.poses)
+    texts = [f"{one.view}: {one.text}" if one.view else one.text for one in notes]
+    texts += [f"{seen[v].name} was left out: {text}" for v, text in sorted(left_out.items())]
+    return Calibrated(adjusted, tuple(used), left_out, (*texts, PITCH_NOTE), figures)
 
 
 def _consistent(
@@ -111,6 +119,44 @@ def _consistent(
         left_out |= {used[k]: "" for k in wrong}
         used = [v for k, v in enumerate(used) if k not in wrong]
         start = None
+
+
+def _explained(
+    seen: Sequence[Observation], adjusted: Adjusted, sizes: tuple[Size, Size], how: tuple[Demands, Tick | None]
+) -> tuple[Adjusted, list[causes.Cause], list[Finding]]:
+    """Allow for a print that is stretched or bent, where residuals say so; return the causes of what is left, too.
+
+    The covariance is then that of an estimation which has the print's numbers among its own.
+    """
+    values, deviations = np.zeros(SHAPE), np.full(SHAPE, np.inf)
+    told = causes.causes(seen, adjusted)
+    for _ in range(_SHAPES):
+        best = told[0]
+        if best.kind not in ("stretch", "shape") or best.covariance is None:
+            break
+        count = len(best.values)
+        values[:count] += best.values
+        deviations[:count] = best.deviations
+        found = causes.shape_of(seen, values, deviations)
+        if any(one.fatal for one in found):
+            return adjusted, told, found
+        board = shaped(seen, values)
+        adjusted = estimate(board, *sizes, how[0].settings, start=adjusted.rig, tick=how[1])
+        told = causes.causes(board, adjusted)
+    if not np.isfinite(deviations).any():
+        return adjusted, told, []
+    whole = next(cause for cause in told if cause.kind == ("shape" if np.isfinite(deviations[-1]) else "stretch"))
+    if whole.covariance is not None:
+        adjusted = replace(adjusted, covariance=whole.covariance + _half_stretch(adjusted.rig, float(values[0])))
+        deviations[: len(whole.values)] = whole.deviations
+    return adjusted, told, causes.shape_of(seen, values, deviations)
+
+
+def _half_stretch(rig: Rig, stretch: float) -> Float64Array:
+    """Return what is unknown of lengths where a print is stretched: which of its directions is the right one."""
+    along = np.zeros(SHARED)
+    along[STEREO.start + 3 : STEREO.stop] = rig.T_projector_camera[:3, 3] * stretch / 2
+    return np.outer(along, along)
 
 
 def without_wrong_orders(observed: Observation) -> Observation:

@@ -1,6 +1,6 @@
 """Whether every view tells of the same rig and the same board: what each one says of them by itself.
 
-Owns what each view says by itself after an adjustment: the board's scale, the projector's place, a stretched print.
+Owns which views deviate and why: the board's scale, the projector's place, points that are no board's.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fringed_plugins.calibration.solve.adjustment import Adjusted
+from fringed_plugins.calibration.solve.causes import MOVED_DEG, MOVED_MM
 from fringed_plugins.calibration.solve.findings import Finding
 from fringed_plugins.calibration.solve.initial import middle_transform
 from fringed_plugins.calibration.solve.observations import Observation, Rig, moved, rotation_vector
@@ -18,9 +19,8 @@ from fringed_plugins.calibration.solve.projection import POSE, STEREO, bias_px, 
 
 Float64Array = npt.NDArray[np.float64]
 
-MOVED_DEG, MOVED_MM = 0.02, 0.3  # least that counts as a moved rig
 _SIGMAS = 8.0
-_STRETCH, _STRETCH_SIGMAS = 5e-4, 6.0
+_BENT_PX = 1.0
 _LEFT_OUT = 0.4  # share of a view's points that may be off before the view is
 _WORSE = 4.0  # times the others' residuals
 _EXPLAINED_PX = 0.3
@@ -44,6 +44,13 @@ def deviating(seen: Sequence[Observation], found: Adjusted) -> list[int]:
 def why(observed: Observation, rig: Rig) -> str:
     """Return why a view does not fit: a board of another size, a projector that moved, or something else."""
     pose = pose_of(observed, rig)
+    off = predicted(observed, rig, pose, bias_px(observed, rig.camera, pose)).camera
+    camera_px = float(np.sqrt(np.median((off**2).sum(axis=1))))
+    if camera_px > _BENT_PX:
+        return (
+            f"its points are {camera_px:.1f} px (median) off a flat board's in the camera's picture: is it bent, did "
+            "it move meanwhile, or is it another one?"
+        )
     scale = _scale(observed, rig, pose)
     step, rms = _projector_moved(observed, rig, pose)
     angle, shift = float(np.degrees(np.linalg.norm(step[:3]))), float(np.linalg.norm(step[3:]))
@@ -148,49 +155,3 @@ def _step(values: Float64Array, split: int) -> tuple[float, float]:
     middles = [np.median(part, axis=0) for part in parts]
     off = np.concatenate([part - middle for part, middle in zip(parts, middles, strict=True)])
     return float(np.linalg.norm(middles[1] - middles[0])), float(np.mean(np.linalg.norm(off, axis=1)))
-
-
-def stretched(seen: Sequence[Observation], found: Adjusted) -> list[Finding]:
-    """Say whether the print is longer along x than along y: one more number, estimated with all the others.
-
-    It can be told only where boards were turned in their plane; otherwise its deviation is large, and nothing is said.
-    """
-    value, deviation = anisotropy(seen, found)
-    if not np.isfinite(deviation) or abs(value) < max(_STRETCH, _STRETCH_SIGMAS * deviation):
-        return []
-    more = "longer" if value > 0 else "shorter"
-    text = f"the print is {abs(value):.2%} {more} along x than along y (known to {deviation:.2%})"
-    return [Finding("", f"{text}: was it scaled by the printer? Measure both directions, and print it again", True)]
-
-
-def anisotropy(seen: Sequence[Observation], found: Adjusted) -> tuple[float, float]:
-    """Return the board's x pitch over its y pitch minus 1, and its deviation, to the first order."""
-    weights, rig = found.weights, found.rig
-    free = np.append(weights.free, True)
-    total, side = np.zeros((25, 25)), np.zeros(25)
-    for v, (observed, part) in enumerate(zip(seen, found.residuals, strict=True)):
-        along = observed.board_mm.copy()
-        along[:, 1:] = 0.0
-        grown = along @ rig.poses[v, :3, :3].T
-        own, right = np.zeros((31, 31)), np.zeros(31)
-        spread = np.repeat(observed.camera_sigma_px[:, None], 2, axis=1) * weights.camera_factor
-        lit = observed.projector_sigma_px * weights.projector_factor
-        for off, by, sigma, used in (
-            (part.camera, part.by_camera, spread, weights.camera_used[v]),
-            (part.projector, part.by_projector, lit, weights.projector_used[v]),
-        ):
-            more = np.einsum("nij,nj->ni", by[..., POSE][..., 3:], grown)[..., None]
-            J = (np.concatenate([by[..., :24], more, by[..., POSE]], -1)[used] / sigma[used][..., None]).reshape(-1, 31)
-            own += J.T @ J
-            right += J.T @ (off[used] / sigma[used]).ravel()
-        inverse = np.linalg.pinv(own[25:, 25:], hermitian=True)
-        total += own[:25, :25] - own[:25, 25:] @ inverse @ own[25:, :25]
-        side += right[:25] - own[:25, 25:] @ inverse @ right[25:]
-    part_ = total[np.ix_(free, free)]
-    scale = 1 / np.sqrt(np.maximum(np.diag(part_), 1e-300))
-    scaled = part_ * scale[:, None] * scale
-    values, _ = np.linalg.eigh(scaled)
-    if values[0] < 1e-12:
-        return 0.0, float("inf")
-    inverse = np.linalg.inv(scaled) * scale[:, None] * scale
-    return float((inverse @ side[free])[-1]), float(np.sqrt(inverse[-1, -1]))

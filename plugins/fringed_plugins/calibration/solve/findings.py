@@ -16,6 +16,7 @@ from fringed_plugins.calibration.solve.observations import Observation, Rig
 Float64Array = npt.NDArray[np.float64]
 
 PARALLEL_DEG, FLAT_DEG = 8.0, 20.0  # spread of the boards' normals: refused below, told below
+VAGUE, OPEN = 0.003, 0.03  # deviation of a focal length: told above, refused above
 _CELLS = (4, 3)
 _COVERED = 0.75
 _SAME_MM, _SAME_DEG = 8.0, 1.5
@@ -124,17 +125,25 @@ def _where(x: int, y: int) -> str:
     return f"{down} {across}".strip() or "middle"
 
 
-def lenses(rig: Rig) -> list[Finding]:
-    """Say what no lens is like: a pixel that is not nearly square, a centre far outside of the picture's."""
+def lenses(rig: Rig, covariance: Float64Array) -> list[Finding]:
+    """Say what no lens is like, and which focal length the views leave open; `covariance` (24, 24) is of `NUMBERS`.
+
+    A pixel that is not square, or a centre far outside of the picture's, is told; so is a focal length that is known
+    to less than 0.3 %, and one to less than 3 % is refused.
+    """
     found = []
-    for name, lens in (("camera", rig.camera), ("projector", rig.projector)):
+    sides = (("camera", rig.camera, 0, 0.005, 0.25), ("projector", rig.projector, 9, 0.02, 0.8))
+    for name, lens, place, square, reach in sides:
         ratio = lens.matrix[1, 1] / lens.matrix[0, 0]
-        if abs(ratio - 1) > 0.02:
+        if abs(ratio - 1) > square:
             text = f"the {name}'s pixels come out {abs(ratio - 1):.1%} {'higher' if ratio < 1 else 'wider'} than square"
             found.append(Finding("", f"{text}: is the picture scaled, or the board's print stretched?"))
-    for name, lens, reach in (("camera", rig.camera, 0.25), ("projector", rig.projector, 0.8)):
-        off = abs(lens.matrix[:2, 2] - (np.array([lens.width_px, lens.height_px]) - 1) / 2)
-        if (off > reach * np.array([lens.width_px, lens.height_px])).any():
-            place = f"({lens.matrix[0, 2]:.0f}, {lens.matrix[1, 2]:.0f})"
-            found.append(Finding("", f"the {name}'s principal point {place} is far from the middle of its picture"))
+        size = np.array([lens.width_px, lens.height_px])
+        if (abs(lens.matrix[:2, 2] - (size - 1) / 2) > reach * size).any():
+            at = f"({lens.matrix[0, 2]:.0f}, {lens.matrix[1, 2]:.0f})"
+            found.append(Finding("", f"the {name}'s principal point {at} is far from the middle of its picture"))
+        open_ = max(np.sqrt(covariance[place + k, place + k]) / lens.matrix[k, k] for k in (0, 1))
+        if open_ > VAGUE:
+            text = f"the {name}'s focal length is known to {open_:.1%} only, {VAGUE:.1%} is good and {OPEN:.0%} needed"
+            found.append(Finding("", f"{text}: tilt the board more, and let it fill the picture", bool(open_ > OPEN)))
     return found
