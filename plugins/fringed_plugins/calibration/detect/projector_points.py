@@ -17,6 +17,9 @@ from fringed_plugins.parallel import run_rows
 Float64Array = npt.NDArray[np.float64]
 
 MOST_OFF_PX = 2.0  # from the smooth grid of the others: a wrong fringe order is 16 px and more
+_OFF, _OFF_PX = 8.0, 0.25  # in a quiet view less: so many middle deviations, and so many pixels
+_ROUGH = 8.0  # middle misfits: a window across a border of wrong orders
+_NOISE = 0.6745  # the middle misfit of noise alone, in deviations
 
 
 class Values(NamedTuple):
@@ -34,13 +37,19 @@ def projector_at(
 
     `maps` are the coordinate and its deviation (height, width) in projector pixels, and the mask, 0 where kept. A
     surface of the second degree is fitted, weighted by the deviations, without what is far off it; its own deviation
-    is inflated where it does not fit. NaN where fewer than 60 pixels are left.
+    is inflated where it does not fit. NaN where fewer than 60 pixels or 60 % of them are left, and in a window that
+    fits far worse than the others do.
     """
     count = len(px)
     out = (np.empty(count), np.empty(count), np.empty((count, 2)), np.empty(count))
     at = np.column_stack([px, radius_px]).astype(np.float64)
     kept = tuple(np.ascontiguousarray(part) for part in maps)
     run_rows(surface_rows, count, kept, at, out, threads=threads)
+    fits = out[3][np.isfinite(out[3])]
+    if len(fits):
+        rough = out[3] > _ROUGH * max(float(np.median(fits)), _NOISE)
+        for part in out[:3]:
+            part[rough] = np.nan
     return Values(out[0], out[1], out[2])
 
 
@@ -50,6 +59,7 @@ def wrong_orders(board: Float64Array, columns: Float64Array, rows: Float64Array)
     wrong = np.zeros(len(board), bool)
     if known.sum() >= 8:
         residual = grid_residuals(board[known], np.stack([columns[known], rows[known]], -1))
-        with np.errstate(invalid="ignore"):
-            wrong[np.flatnonzero(known)] = np.abs(residual).max(axis=1) > MOST_OFF_PX
+        off = np.abs(residual).max(axis=1)
+        if np.isfinite(off).all():
+            wrong[np.flatnonzero(known)] = off > min(MOST_OFF_PX, _OFF * float(np.median(off)) + _OFF_PX)
     return wrong
