@@ -18,6 +18,8 @@ from fringed_plugins.calibration.solve.adjustment import (
     adjust,
     all_used,
     free_numbers,
+    lens_numbers,
+    lens_with,
 )
 from fringed_plugins.calibration.solve.initial import Size, initial_rig
 from fringed_plugins.calibration.solve.observations import Observation, Rig
@@ -54,7 +56,7 @@ def estimate(
         views from which no rig can be told.
     """
     chosen = settings or Settings()
-    rig = start or initial_rig(seen, camera_size, projector_size)[0]
+    rig = _held(start, chosen) if start else initial_rig(seen, camera_size, projector_size)[0]
     weights = all_used(seen, free_numbers(camera_k3=bool(chosen.k3), projector_k3=bool(chosen.k3)))
     found = adjust(seen, rig, weights, robust=True, tick=tick)
     for _ in range(chosen.rounds):
@@ -66,6 +68,14 @@ def estimate(
     if chosen.k3 is None:
         found = _with_significant(seen, found, tick)
     return found
+
+
+def _held(rig: Rig, chosen: Settings) -> Rig:
+    """Return where to begin: a third radial coefficient that is not estimated is 0, whatever was found before."""
+    if chosen.k3:
+        return rig
+    camera, projector = (lens_with(lens, np.append(lens_numbers(lens)[:8], 0.0)) for lens in (rig.camera, rig.projector))
+    return rig.with_(camera=camera, projector=projector)
 
 
 def refined(seen: Sequence[Observation], found: Adjusted) -> Weights:
