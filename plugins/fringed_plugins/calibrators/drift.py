@@ -21,6 +21,7 @@ from fringed_plugins.calibrators.calibrate import observed
 
 if TYPE_CHECKING:
     from fringed_plugins.calibration.solve.compare import Geometry
+    from fringed_plugins.calibration.solve.infield import Corrected
 
 _MM, _PX = {"units": "mm"}, {"units": "px"}
 _DEPTHS = 5
@@ -148,7 +149,7 @@ class InfieldCorrection:
         }  # fmt: skip
         result: Calibration = replace(
             old, T_projector_camera=found.rig.T_projector_camera, source="infield", residuals=residuals,
-            covariance=_covariance(old, found.covariance), notes=(*old.notes, told), id="",
+            covariance=_covariance(old, found), notes=(*old.notes, told), id="",
         )  # fmt: skip
         return result
 
@@ -250,15 +251,20 @@ def _check_views(views: Any, old: Calibration) -> None:
         raise DataError("a calibration with a model of each pixel cannot be put right by a pose; fit it anew")
 
 
-def _covariance(old: Calibration, stereo: Float64Array) -> Float64Array | None:
-    """Return the old covariance with the projector's place as uncertain as the new poses leave it."""
+def _covariance(old: Calibration, found: Corrected) -> Float64Array | None:
+    """Return the old lenses' covariance, and with it that of the projector's new place, in the old order."""
     from fringed_plugins.calibration.pixel.derivatives import NUMBERS
 
     if old.covariance is None:
         return None
+    at = [old.parameters.index(name) if name in old.parameters else None for name in NUMBERS]
+    lenses = np.array([
+        [0.0 if i is None or j is None else old.covariance[i, j] for j in at[:18]] for i in at[:18]
+    ])  # fmt: skip
+    whole = found.covariance_with(lenses)
     result = old.covariance.copy()
-    for i, name in enumerate(old.parameters):
-        for j, other in enumerate(old.parameters):
-            if name.startswith("stereo.") and other.startswith("stereo."):
-                result[i, j] += stereo[NUMBERS.index(name), NUMBERS.index(other)]
+    kept = [(place, i) for place, i in enumerate(at) if i is not None]
+    for place, i in kept:
+        for other, j in kept:
+            result[i, j] = whole[place, other]
     return result

@@ -49,7 +49,10 @@ class Weights:
 
 @dataclass(frozen=True)
 class Adjusted:
-    """A rig, the residuals of each pose, the covariance (24, 24) of its shared numbers, and how it ended."""
+    """A rig, the residuals of each pose, the covariance (24, 24) of its shared numbers, and how it ended.
+
+    `information` (24, 24) is what the views tell of all shared numbers, whatever the poses are, free or not.
+    """
 
     rig: Rig
     residuals: tuple[Predicted, ...]
@@ -57,6 +60,7 @@ class Adjusted:
     weights: Weights
     iterations: int
     cost: float
+    information: Float64Array
 
 
 def all_used(seen: Sequence[Observation], free: Bools) -> Weights:
@@ -94,7 +98,8 @@ def adjust(
     biases = [bias_px(o, rig.camera, rig.poses[v]) for v, o in enumerate(seen)]
     residuals = tuple(predicted(o, rig, rig.poses[v], biases[v]) for v, o in enumerate(seen))
     normal, _, poses, _ = _normal(seen, residuals, weights, robust)
-    return Adjusted(rig, residuals, _covariance(normal, poses, weights.free), weights, steps, cost)
+    information = _without_poses(normal, poses)
+    return Adjusted(rig, residuals, inverse_of(information, weights.free), weights, steps, cost, information)
 
 
 def _descend(
@@ -207,15 +212,17 @@ def lens_with(lens: Pinhole, numbers: Float64Array) -> Pinhole:
     return Pinhole(lens.width_px, lens.height_px, matrix, np.asarray(numbers[4:], np.float64).copy())
 
 
-def _covariance(
-    normal: Float64Array, poses: list[tuple[Float64Array, Float64Array, Float64Array]], free: Bools
-) -> Float64Array:
-    """Return the covariance (24, 24), whatever the poses are; numbers that are held have none."""
+def _without_poses(normal: Float64Array, poses: list[tuple[Float64Array, Float64Array, Float64Array]]) -> Float64Array:
     reduced = normal.copy()
     for own, across, _ in poses:
         reduced -= across @ np.linalg.inv(own + 1e-12 * np.diag(np.diag(own)) + 1e-300 * np.eye(6)) @ across.T
-    found = np.zeros((SHARED, SHARED))
-    part = reduced[np.ix_(free, free)]
+    return reduced
+
+
+def inverse_of(information: Float64Array, free: Bools) -> Float64Array:
+    """Return the covariance (24, 24) that an information leaves; numbers that are held have none."""
+    found = np.zeros_like(information)
+    part = information[np.ix_(free, free)]
     scale = 1 / np.sqrt(np.maximum(np.diag(part), 1e-300))
     inverse = np.linalg.pinv(part * scale[:, None] * scale, rcond=1e-14, hermitian=True)
     found[np.ix_(free, free)] = inverse * scale[:, None] * scale

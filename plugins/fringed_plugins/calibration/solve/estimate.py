@@ -74,8 +74,8 @@ def _held(rig: Rig, chosen: Settings) -> Rig:
     """Return where to begin: a third radial coefficient that is not estimated is 0, whatever was found before."""
     if chosen.k3:
         return rig
-    camera, projector = (lens_with(lens, np.append(lens_numbers(lens)[:8], 0.0)) for lens in (rig.camera, rig.projector))
-    return rig.with_(camera=camera, projector=projector)
+    lenses = (lens_with(lens, np.append(lens_numbers(lens)[:8], 0.0)) for lens in (rig.camera, rig.projector))
+    return rig.with_(**dict(zip(("camera", "projector"), lenses, strict=True)))
 
 
 def refined(seen: Sequence[Observation], found: Adjusted) -> Weights:

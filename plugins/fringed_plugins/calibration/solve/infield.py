@@ -23,9 +23,10 @@ _ACCEPTED_PX = 0.3
 
 
 class Corrected(NamedTuple):
-    """The rig put right, how far the projector had turned and moved, what is left, and the covariance (24, 24).
+    """The rig put right, how far the projector had turned and moved, what is left, and how well it is known.
 
     `before_px` and `after_px` are the projector's residuals, RMS, with the old place and with the new one.
+    `covariance` (6, 6) is that of the place if the lenses were known, `by_lenses` (6, 18) its derivatives by theirs.
     """
 
     rig: Rig
@@ -34,10 +35,24 @@ class Corrected(NamedTuple):
     before_px: float
     after_px: float
     covariance: Float64Array
+    by_lenses: Float64Array
+
+    def covariance_with(self, lenses: Float64Array) -> Float64Array:
+        """Return the covariance (24, 24) of all numbers where that of the lenses is `lenses` (18, 18).
+
+        The lenses are as uncertain as before, and what they are off by has moved the place along.
+        """
+        across = self.by_lenses @ lenses
+        place = self.covariance + across @ self.by_lenses.T
+        return np.block([[lenses, across.T], [across, place]])
 
 
 def corrected(seen: Sequence[Observation], rig: Rig, *, accepted_px: float = _ACCEPTED_PX) -> Corrected:
     """Return the rig with the projector where the views say it is; `rig.poses` is not looked at.
+
+    References
+    ----------
+    Schmidt 1966 (numbers that are not estimated, but are uncertain: consider covariance).
 
     Raises
     ------
@@ -63,7 +78,9 @@ def corrected(seen: Sequence[Observation], rig: Rig, *, accepted_px: float = _AC
     old, new = rig.T_projector_camera, found.rig.T_projector_camera
     turn = float(np.degrees(np.linalg.norm(rotation_vector(new[:3, :3] @ old[:3, :3].T))))
     shift = float(np.linalg.norm(new[:3, :3].T @ new[:3, 3] - old[:3, :3].T @ old[:3, 3]))
-    return Corrected(found.rig, turn, shift, before, after, found.covariance)
+    place = found.information[STEREO, STEREO]
+    by_lenses: Float64Array = -np.linalg.solve(place, found.information[STEREO, : STEREO.start])
+    return Corrected(found.rig, turn, shift, before, after, found.covariance[STEREO, STEREO], by_lenses)
 
 
 def _rms(found: Adjusted) -> float:
