@@ -38,11 +38,15 @@ def calibrate(station: Station, folder: Path, progress: Progress) -> dict[str, A
     taken_s = time.perf_counter() - began
     good = [view for view in views if view.found]
     found, warnings = session.solve(good, progress.scan("calibration"))
+    # Without the projector's tone curve, dark parts of an object fit no sinusoid: it is measured on a plain surface.
+    station.set_scene({"object": "plane"})
+    found, more = session.with_tone(found, session.ramp(progress.scan("tone")), progress.scan("tone"))
+    warnings = (*warnings, *more)
     solved_s = time.perf_counter() - began
     station.request("calibration.use", timeout_s=60.0, id=found.id)
     report = write_report(station, found, views, folder)[0]
     return {
-        "id": found.id, "hash": found.hash, "poses": len(views), "found": len(good), "warnings": list(warnings),
+        "id": found.id, "hash": found.hash, "poses": len(views), "found": len(good), "warnings": [*warnings, *more],
         "residuals": dict(found.residuals), "parameters": parameter_errors(found, exact),
         "against_truth": _displacement(station, found, exact), "report": str(report.relative_to(folder.parent)),
         "seconds": {"poses": taken_s, "estimation": solved_s - taken_s, "all": time.perf_counter() - began},
