@@ -79,7 +79,7 @@ def corrected(seen: Sequence[Observation], rig: Rig, *, accepted_px: float = _AC
     turn = float(np.degrees(np.linalg.norm(rotation_vector(new[:3, :3] @ old[:3, :3].T))))
     shift = float(np.linalg.norm(new[:3, :3].T @ new[:3, 3] - old[:3, :3].T @ old[:3, 3]))
     place = found.information[STEREO, STEREO]
-    by_lenses: Float64Array = -np.linalg.solve(place, found.information[STEREO, : STEREO.start])
+    by_lenses = np.asarray(-np.linalg.solve(place, found.information[STEREO, : STEREO.start]), np.float64)
     return Corrected(found.rig, turn, shift, before, after, found.covariance[STEREO, STEREO], by_lenses)
 
 
