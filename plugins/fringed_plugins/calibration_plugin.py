@@ -11,6 +11,7 @@ from fringed_plugins.calibrators.detect_board import DetectBoard
 from fringed_plugins.calibrators.drift import CompareCalibrations, InfieldCorrection
 from fringed_plugins.calibrators.pixel_models import FitPixelModel
 from fringed_plugins.calibrators.ranges import AverageRange, VerifyRange
+from fringed_plugins.calibrators.suggest import SuggestPose
 from fringed_plugins.calibrators.trueness import ExpectedTrueness
 from fringed_plugins.calibrators.verify import VerifyPlane, VerifySphere, VerifyStep
 
@@ -20,4 +21,4 @@ def register_processors() -> Sequence[type[Any]]:
     """Return the processors of calibration."""
     verifying = (VerifyPlane, VerifySphere, VerifyStep, VerifyRange, AverageRange)
     calibrating = (Calibrate, CompareCalibrations, InfieldCorrection, DetectBoard, ExpectedTrueness, FitPixelModel)
-    return (*calibrating, *verifying)
+    return (*calibrating, SuggestPose, *verifying)
