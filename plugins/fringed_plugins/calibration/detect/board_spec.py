@@ -47,7 +47,8 @@ class Limits:
 class Detection:
     """The points found: `index` (n,) of the board, `px` (n, 2), `sigma_px` (n,), `ellipses` (n, 5) or (0, 5).
 
-    `quality` has figures of the view; `problems` what is wrong with it, worst first; `reason` why it is of no use.
+    `quality` has figures of the view; `problems` what is wrong with it, worst first; `reason` why it is of no use;
+    `decided` that nothing else needs to be thought of.
     """
 
     found: bool
@@ -58,3 +59,4 @@ class Detection:
     ellipses: Float64Array = field(default_factory=lambda: np.zeros((0, 5)))
     quality: Mapping[str, float] = field(default_factory=dict)
     problems: tuple[str, ...] = ()
+    decided: bool = False

@@ -21,7 +21,7 @@ _BLOCKS = (0.02, 0.05, 0.12, 0.3)  # of the picture's larger side: windows of th
 _STEP = 0.04  # of the picture's range: least contrast of a candidate
 _FILLED = (0.88, 1.10)  # area of a candidate over that of its ellipse
 _SLIM = 0.15
-_LEAST_PX = 2.5  # half axis
+LEAST_PX = 2.5  # half axis
 
 
 class Ellipses(NamedTuple):
@@ -111,11 +111,11 @@ def _ellipse(cv2: Any, outline: Any, shape: tuple[int, ...]) -> Float64Array | N
     if len(outline) < 12:
         return None
     area = cv2.contourArea(outline)
-    if area < np.pi * _LEAST_PX**2 or area > 0.1 * shape[0] * shape[1]:
+    if area < np.pi * LEAST_PX**2 or area > 0.1 * shape[0] * shape[1]:
         return None
     (x, y), (first, second), degrees = cv2.fitEllipseDirect(outline)
     a, b = first / 2 + 0.5, second / 2 + 0.5  # an outline runs through the centres of the outermost pixels
-    if not (min(a, b) > _LEAST_PX and min(a, b) > _SLIM * max(a, b)):
+    if not (min(a, b) > LEAST_PX and min(a, b) > _SLIM * max(a, b)):
         return None
     if not _FILLED[0] < area / (np.pi * (a - 0.5) * (b - 0.5)) < _FILLED[1]:
         return None

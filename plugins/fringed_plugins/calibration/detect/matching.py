@@ -52,13 +52,15 @@ def match(lattice: Int32Array, known: Bools, big: Bools, spec: BoardSpec, px: Fl
     if not known.any():
         return Match(none, "no marks that form a grid")
     straight = _best(lattice, known, big, spec, px)
-    if spec.kind == "circles-five":
+    enough = _LEAST_BIG if spec.kind == "circles-five" else len(spec.points_mm)
+    if spec.kind == "circles-five" or straight[0] < enough:
         flipped = _best(lattice @ _MIRROR, known, big, spec, px)
-        if flipped[0] > straight[0] and flipped[0] >= _LEAST_BIG:
+        if flipped[0] > straight[0] and flipped[0] >= enough:
             return Match(none, "the board is mirrored: the picture is flipped, or the board is seen in a mirror", True)
-        if straight[0] < _LEAST_BIG:
+    if spec.kind == "circles-five":
+        if straight[0] < enough:
             return Match(none, _few_big(big, known))
-    elif straight[0] < len(spec.points_mm):
+    elif straight[0] < enough:
         return Match(
             none,
             f"{int(straight[0])} of {len(spec.points_mm)} circles: a board without large circles has to be seen whole",
