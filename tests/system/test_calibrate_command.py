@@ -182,3 +182,27 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_taken(station_daemon
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode in (1, 2) and said in done.stderr and not list(tmp_path.iterdir())
+
+
+def test_one_pose_puts_a_nudged_projector_right(station_daemon, calibrated, tmp_path):
+    """The calibration in force is made to look as if the projector had been nudged since; a pose says by how much."""
+    from dataclasses import replace
+
+    from fringed_client.calibration_file import save_calibration
+
+    good = load_calibration(calibrated[1] / "out" / "calibration.json")
+    turn, (c, s) = np.eye(4), (np.cos(1e-3), np.sin(1e-3))
+    turn[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    off = replace(good, T_projector_camera=turn @ good.T_projector_camera, id="")
+    nudged = save_calibration(off, tmp_path / "nudged.json")
+    fringe(station_daemon, "calibration", "use", nudged, cwd=tmp_path)
+    view = calibrated[0]["views"][0]["id"]
+    told = fringe(station_daemon, "calibration", "correct", "--view", view, "--use", cwd=tmp_path)
+    assert told["infield_turned_deg"] == pytest.approx(np.rad2deg(1e-3), rel=0.2)
+    assert told["in_force"]["hash"] == told["hash"] != off.hash
+    with station_daemon.client() as station:
+        found = calibration_of(station)
+    turned = found.T_projector_camera[:3, :3] @ good.T_projector_camera[:3, :3].T
+    assert np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1)) < 1e-4
+    for _ in range(2):
+        fringe(station_daemon, "calibration", "revert", cwd=tmp_path)
