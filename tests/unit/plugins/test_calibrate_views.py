@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from calibration_truth import CAMERA, POSES, PROJECTOR, seen, stereo, view, views
+from calibration_truth import CAMERA, POSES, PROJECTOR, chosen, pose, seen, stereo, view, views
 
 from fringed.boards import Board
 from fringed.errors import DataError
@@ -175,3 +175,28 @@ def _light(one, place):
         r2 = ((seen(numbers_, at) - (np.array(size) - 1) / 2) ** 2).sum(axis=1) / ((np.array(size) / 2) ** 2).sum()
         dark.append(1 + (-0.2 if numbers_ is CAMERA else -0.1) * r2)
     return 150.0 * dark[0] * (light * dark[1] + 0.04)
+
+
+def test_views_of_a_part_of_the_board_serve_too():
+    random = np.random.default_rng(16)
+    given = [chosen(one, np.sort(random.choice(117, 40, replace=False))) for one in views(random)]
+    found = calibrated(given)
+    assert np.abs(normalised(found)).max() < 4.5 and found.residuals["points"] >= 478
+
+
+def test_forty_views_are_known_better_by_the_root_of_their_number():
+    places = [place @ pose(0, 0, 7.0 * k, at=(0, 0, 0)) for k, place in enumerate(POSES * 4)][:40]
+    few, many = (calibrated(views(np.random.default_rng(17), some)) for some in (POSES, places))
+    assert np.abs(normalised(many)).max() < 4.5
+    ratio = many.residuals["trueness_rms_mm"] / few.residuals["trueness_rms_mm"]
+    assert ratio == pytest.approx(np.sqrt(12 / 40), rel=0.15)
+
+
+def test_points_of_single_precision_serve_as_well():
+    given = views(np.random.default_rng(18))
+    single = [
+        replace(one, camera_px=one.camera_px.astype(np.float32), projector_px=one.projector_px.astype(np.float32))
+        for one in given
+    ]
+    exact, rough = calibrated(given), calibrated(single)
+    assert np.abs((numbers(exact) - numbers(rough)) / np.sqrt(np.diag(exact.covariance) + 1e-300))[FREE].max() < 0.1
