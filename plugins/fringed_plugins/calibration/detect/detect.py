@@ -50,7 +50,11 @@ def detect_board(
         return Detection(False, f"the picture of {image.shape[1]} x {image.shape[0]} px is too small to show a board")
     finite = image[np.isfinite(image)]
     if finite.size < 0.01 * image.size or np.ptp(finite) < 1e-6 * max(1.0, float(np.abs(finite).max())):
-        return Detection(False, "the picture is uniform: too dark, all too bright, or without a board")
+        level = f"{float(np.median(finite)):.4g} everywhere" if finite.size else "not known anywhere"
+        bright = f"; {saturated.mean():.0%} of it saturated" if saturated is not None and saturated.any() else ""
+        return Detection(
+            False, f"the picture is uniform, {level}{bright}: too dark, all too bright, or without a board"
+        )
     limits = limits or Limits()
     found = _circles(image, spec, threads) if spec.diameters_mm.any() else _corners(image, spec, threads)
     if found.found:

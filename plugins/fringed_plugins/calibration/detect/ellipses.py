@@ -21,6 +21,7 @@ _BLOCKS = (0.02, 0.05, 0.12, 0.3)  # of the picture's larger side: windows of th
 _STEP = 0.04  # of the picture's range: least contrast of a candidate
 _FILLED = (0.88, 1.10)  # area of a candidate over that of its ellipse
 _SLIM = 0.15
+_ROUGH, _LEAST_ROUGH = 4.0, 0.04  # misfit over contrast: of the middle one, and at the least, what is no circle
 LEAST_PX = 2.5  # half axis
 
 
@@ -65,7 +66,7 @@ def find_ellipses(picture: Float32Array, dark: bool, threads: int = 0) -> Ellips
     signed = (found.ground - found.mark) * (1.0 if dark else -1.0)
     with np.errstate(invalid="ignore"):
         good = np.isfinite(spread) & (spread < 0.5) & (signed > 4 * misfit)
-    return _once(found.pick(good))
+    return _alike(_once(found.pick(good)))
 
 
 def _candidates(picture: Float32Array, dark: bool) -> Float64Array:
@@ -157,6 +158,14 @@ def _with_levels(picture: Float32Array, starts: Float64Array) -> Float64Array:
             levels.append(float(np.median(seen)) if seen.size else 0.0)
         start[6:8] = levels
     return starts
+
+
+def _alike(found: Ellipses) -> Ellipses:
+    """Return those that fit about as well as most do: the others are covered in part, in glare, or no circles."""
+    if not len(found.px):
+        return found
+    share = found.misfit / np.abs(found.ground - found.mark)
+    return found.pick(share < max(_ROUGH * float(np.median(share)), _LEAST_ROUGH))
 
 
 def _once(found: Ellipses) -> Ellipses:

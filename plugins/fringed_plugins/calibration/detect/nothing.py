@@ -25,7 +25,7 @@ def why_nothing(image: Float32Array, saturated: npt.NDArray[np.bool_] | None, li
     if bright > _BRIGHT:
         return f"saturated: {bright:.0%} of the picture's pixels; shorten the exposure"
     noise = _noise(image)
-    if high - low < _NOISY * noise:
+    if high - low <= _NOISY * noise:
         return (
             f"too dark, or too little contrast: grey levels from {low:.3g} to {high:.3g} with noise of {noise:.2g}; "
             f"they have to differ by {_NOISY:.0f} times the noise: more light, or a longer exposure"
