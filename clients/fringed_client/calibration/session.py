@@ -6,6 +6,7 @@ is. Every pose is a recorded board view, so that a session that ended early can 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 OnProgress = Callable[[ScanState], None]
 PIPELINE, DETECTOR, SOLVER = "board", "detect-board", "calibrate"
 POSES_MIN = 5
+_FEW = 4  # views, before the next pose is worked out
 _LOOKED_AT = 200  # recordings that `earlier` goes through
 
 
@@ -99,6 +101,22 @@ class Session:
         """
         stage = {"name": "calibration", "plugin": SOLVER, "params": {**self._nominal(views), **self.wish.solver}}
         return self._calibration({"views": [view.id for view in views]}, stage, on_progress)
+
+    def suggestion(self, views: Sequence[BoardView]) -> str:
+        """Return where the board tells most next, once a few views are there; empty where that cannot be told."""
+        if len(views) < _FEW:
+            return ""
+        stages = [{"name": "next", "plugin": "suggest-pose"}]
+        try:
+            made = self.station.process({"views": [view.id for view in views]}, stages=stages).last("Artifact")
+        except FringedError:  # views that do not fit together are told by the solver, at the end
+            return ""
+        return str(json.loads(made.content.tobytes())["text"])
+
+    def lacks_tone(self) -> bool:
+        """Tell whether the calibration in force has no measured tone curve that a new one could take over."""
+        in_force = self.station.status().calibration
+        return not in_force or "tone_levels" not in self.station.get(in_force).residuals
 
     def ramp(self, on_progress: OnProgress) -> str:
         """Project grey levels on what stands before the rig, and return the id of their frames."""

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 from fringed.data import BoardView
 from fringed.errors import ConfigurationError, Problem, QualityError, UsageError
-from fringed_client.calibration.poses import Pose, plan, scene_of, words
+from fringed_client.calibration.poses import Pose, plan, scene_of
 from fringed_client.calibration.session import Session
 
 ATTEMPTS = 10
@@ -61,6 +61,15 @@ def simulated_poses(session: Session, poses: Sequence[Pose], progress: Progress)
             session.station.set_scene(former)
 
 
+def simulated_ramp(session: Session, progress: Progress) -> str:
+    """Project grey levels on a plane before a simulated rig, and return the id of their frames."""
+    placed = session.station.request("simulate.scene", timeout_s=120.0, scene={"object": "plane"})
+    try:
+        return session.ramp(progress.scan("tone"))
+    finally:
+        session.station.set_scene(placed["before"])
+
+
 def held_poses(
     session: Session, poses: Sequence[Pose], ready: Callable[[Pose], bool], progress: Progress
 ) -> Iterator[BoardView]:
@@ -88,11 +97,11 @@ def held_poses(
             )
 
 
-def every(seconds: float, say: Callable[[str], None]) -> Callable[[Pose], bool]:
+def every(seconds: float, say: Callable[[str], None], where: Callable[[Pose], str]) -> Callable[[Pose], bool]:
     """Return a `ready` that tells where the board should be, and waits."""
 
     def ready(pose: Pose) -> bool:
-        say(f"{pose.name} in {seconds:g} s: {words(pose)}")
+        say(f"{pose.name} in {seconds:g} s: {where(pose)}")
         time.sleep(seconds)
         return True
 

@@ -43,7 +43,7 @@ _SOURCE = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.option(
     "--reference-plane", type=float, metavar="MM", help="Distance of the reference plane, where there is one."
 )
-@click.option("--tone", is_flag=True, help="Measure the projector's tone curve too, on what stands there.")
+@click.option("--tone/--no-tone", default=None, help="Measure the projector's tone curve; default: if none is known.")
 @click.option(
     "--output", "-o", "folder", type=_FOLDER, help="Report, pictures and calibration; default: named by date."
 )
@@ -69,7 +69,7 @@ def calibrate_command(source: Path | None, options: Options, **wish: Any) -> int
             for view in _views(work, source):
                 work.add(view)
         except KeyboardInterrupt:
-            _interrupted(work, source)
+            _interrupted(work)
             raise
         if wish["write"]:
             work.files.append(_write(work, wish["write"]))
@@ -88,8 +88,8 @@ def _check(source: Path | None, wish: dict[str, Any]) -> None:
         raise click.UsageError(f"{' and '.join(ways)} are ways to get poses of their own; give one of them")
     if wish["write"] and not wish["simulated"]:
         raise click.UsageError("--write goes with --simulated: it writes the poses that a simulated rig takes")
-    if wish["tone"] and source is not None:
-        raise click.UsageError("--tone projects grey levels, which a folder of images cannot; leave it out")
+    if wish["tone"] and (source is not None or wish["views"]):
+        raise click.UsageError("--tone projects grey levels, which images and recorded views cannot; leave it out")
 
 
 @dataclass
@@ -102,6 +102,7 @@ class _Work:
     options: Options
     wish: dict[str, Any]
     folder: Path
+    live: bool
     views: list[BoardView] = field(default_factory=list)
     files: list[Path] = field(default_factory=list)
 
@@ -133,16 +134,15 @@ def _begin(stack: ExitStack, source: Path | None, options: Options, wish: dict[s
         from fringed_client.capture import load_description
 
         board = {**load_description(source).board, **board}
-    station = stack.enter_context(
-        Station(options.station) if source is None and not wish["views"] else any_station(options.station, output.say)
-    )
+    live = source is None and not wish["views"]
+    station = stack.enter_context(Station(options.station) if live else any_station(options.station, output.say))
     steps = stack.enter_context(output.steps())
-    if source is None and not wish["views"]:
+    if live:
         stack.enter_context(station.lease("fringe calibrate"))
     solver = {"temperature_c": wish["temperature"], "reference_plane_mm": wish["reference_plane"]}
     solver = {**{key: value for key, value in solver.items() if value is not None}, **wish["solver"]}
     session = Session(station, Wish(board, wish["pipeline"], wish["camera"], solver, timeout_s=wish["timeout"]))
-    return _Work(station, session, steps, options, wish, wish["folder"] or _dated())
+    return _Work(station, session, steps, options, wish, wish["folder"] or _dated(), live)
 
 
 def _dated() -> Path:
@@ -174,14 +174,18 @@ def _views(work: _Work, source: Path | None) -> Iterator[BoardView]:
 
 def _ready(work: _Work) -> Callable[[Pose], bool]:
     """Return what waits for the board: a time, or Enter."""
-    from fringed_client.calibration.poses import words
     from fringed_client.calibration.taking import every
 
+    def where(pose: Pose) -> str:
+        from fringed_client.calibration.poses import words
+
+        return work.session.suggestion(work.good) or f"hold the board at the {words(pose)}"
+
     if work.wish["every"] is not None:
-        return every(work.wish["every"], output.say)
+        return every(work.wish["every"], output.say, where)
 
     def asked(pose: Pose) -> bool:
-        there = f"{pose.name} of {work.wish['poses']}: board to the {words(pose)}"
+        there = f"{pose.name} of {work.wish['poses']}: {where(pose)}"
         enough = ", d: done" if len(work.good) >= 5 else ""
         answer = click.prompt(f"{there}  [Enter: take{enough}]", default="", show_default=False, err=True)
         return answer.strip().lower() not in ("d", "done")
@@ -189,8 +193,8 @@ def _ready(work: _Work) -> Callable[[Pose], bool]:
     return asked
 
 
-def _interrupted(work: _Work, source: Path | None) -> None:
-    if source is None and not work.wish["views"]:
+def _interrupted(work: _Work) -> None:
+    if work.live:
         output.say("every pose that was taken is kept on the station; go on with `fringe calibrate --resume`")
 
 
@@ -206,12 +210,25 @@ def _too_few(work: _Work) -> Exception:
 
 def _solve(work: _Work) -> tuple[Calibration, tuple[str, ...]]:
     session, steps = work.session, work.steps
-    ramp = session.ramp(steps.scan("tone")) if work.wish["tone"] else ""
+    ramp = _ramp(work)
     found, warnings = session.solve(work.good, steps.scan("calibration"))
     if ramp:
         found, more = session.with_tone(found, ramp, steps.scan("tone curve"))
         warnings = (*warnings, *more)
     return found, warnings
+
+
+def _ramp(work: _Work) -> str:
+    """Return the id of grey levels' frames where the tone curve is to be measured, on what stands before the rig."""
+    from fringed_client.calibration.taking import simulated_ramp
+
+    wish, session = work.wish, work.session
+    if not work.live or not (session.lacks_tone() if wish["tone"] is None else wish["tone"]):
+        return ""
+    if wish["simulated"]:
+        return simulated_ramp(session, work.steps)
+    output.say("projecting grey levels: leave the board, or any light and matt surface, before the rig")
+    return session.ramp(work.steps.scan("tone"))
 
 
 def _write(work: _Work, folder: Path) -> Path:

@@ -16,7 +16,7 @@ from fringed_client.calibration.poses import plan
 from fringed_client.calibration.report import write_report
 from fringed_client.calibration.session import Session, Wish
 from fringed_client.calibration.tables import baseline_sigma
-from fringed_client.calibration.taking import Progress, simulated_poses
+from fringed_client.calibration.taking import Progress, simulated_poses, simulated_ramp
 from fringed_client.calibration_file import calibration_of
 
 if TYPE_CHECKING:
@@ -39,9 +39,7 @@ def calibrate(station: Station, folder: Path, progress: Progress) -> dict[str, A
     good = [view for view in views if view.found]
     found, warnings = session.solve(good, progress.scan("calibration"))
     # Without the projector's tone curve, dark parts of an object fit no sinusoid: it is measured on a plain surface.
-    station.set_scene({"object": "plane"})
-    found, more = session.with_tone(found, session.ramp(progress.scan("tone")), progress.scan("tone"))
-    warnings = (*warnings, *more)
+    found, more = session.with_tone(found, simulated_ramp(session, progress), progress.scan("tone curve"))
     solved_s = time.perf_counter() - began
     station.request("calibration.use", timeout_s=60.0, id=found.id)
     report = write_report(station, found, views, folder)[0]
