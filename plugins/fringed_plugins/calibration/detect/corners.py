@@ -23,6 +23,7 @@ Int32Array = npt.NDArray[np.int32]
 _WINDOW = 0.35  # of the distance to the nearest corner: the radius of a fit
 _CLEAR = 0.85  # of the distance to a marker's corner
 _LEAST_PX = 3.5
+_CROWDED_PX = 0.05  # what is within reach of the smallest window pulls a corner by, at the most
 _MOST_SIGMA_PX = 0.5
 
 
@@ -53,6 +54,7 @@ def find_corners(picture: Float32Array, spec: BoardSpec, threads: int = 0) -> Co
     count = len(px)
     out = (np.empty((count, 2)), np.empty(count), np.empty(count), np.empty((count, 2)))
     run_rows(fit_corners, count, picture, starts, out, threads=threads)
+    out[1][starts[:, 2] <= _LEAST_PX] += _CROWDED_PX
     with np.errstate(invalid="ignore"):
         good = out[1] < _MOST_SIGMA_PX
     return Corners(index[good], out[0][good], out[1][good], out[2][good], out[3][good])

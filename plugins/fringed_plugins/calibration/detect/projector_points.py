@@ -19,6 +19,7 @@ Float64Array = npt.NDArray[np.float64]
 MOST_OFF_PX = 2.0  # from the smooth grid of the others: a wrong fringe order is 16 px and more
 _OFF, _OFF_PX = 8.0, 0.25  # in a quiet view less: so many middle deviations, and so many pixels
 _ROUGH = 8.0  # middle misfits: a window across a border of wrong orders
+_HOPELESS = 30.0  # middle misfit: no deviations are wrong by that much, orders are
 _NOISE = 0.6745  # the middle misfit of noise alone, in deviations
 
 
@@ -47,7 +48,7 @@ def projector_at(
     run_rows(surface_rows, count, kept, at, out, threads=threads)
     fits = out[3][np.isfinite(out[3])]
     if len(fits):
-        rough = out[3] > _ROUGH * max(float(np.median(fits)), _NOISE)
+        rough = out[3] > min(_ROUGH * max(float(np.median(fits)), _NOISE), _HOPELESS)
         for part in out[:3]:
             part[rough] = np.nan
     return Values(out[0], out[1], out[2])
