@@ -52,9 +52,13 @@ class Camera:
         K = self.matrix
         gx, gy = (px[..., 0] - K[0, 2]) / K[0, 0], (px[..., 1] - K[1, 2]) / K[1, 1]
         x, y = gx.copy(), gy.copy()
-        for _ in range(12):
+        for _ in range(40):
             bx, by = self._bent(x, y)
-            x, y = x + gx - bx, y + gy - by
+            bx, by = gx - bx, gy - by
+            x += bx
+            y += by
+            if max(np.abs(bx).max(), np.abs(by).max()) < 1e-8:
+                break
         return np.stack([x, y, np.ones_like(x)], -1)
 
     def _bent(self, x: Any, y: Any) -> tuple[Any, Any]:
