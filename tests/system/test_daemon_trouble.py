@@ -118,7 +118,7 @@ def test_a_scene_that_nobody_has_is_never_replaced_by_another_one(tmp_path, plug
         daemon.logged("so there are no scans", 60.0)
         with daemon.client() as client:
             for verb, params in (("scan", {}), ("simulate.scene", {"scene": {"object": "nope"}})):
-                with pytest.raises(NotFound, match=r"'nope'; built in are plane, .*, mesh; of plug-ins: .*wedge"):
+                with pytest.raises(NotFound, match=r"'nope'; built in are plane, .*, mesh, board; of plug-ins: .*wedge"):
                     client.request(verb, **params)
             assert "no scans: no scene is called 'nope'" in client.status().camera.detail
             client.request("simulate.scene", scene={"object": "sphere"})

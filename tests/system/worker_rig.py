@@ -15,7 +15,7 @@ from fringed.workers.dispatch import Dispatcher
 from fringed.workers.jobs import Limits, Watcher
 from fringed.workers.supervisor import Supervisor, WorkerOptions
 
-BUILT_IN = dict.fromkeys(("phase", "triangulation", "registration", "exporters"), "toys are enough here")
+BUILT_IN = dict.fromkeys(("phase", "calibration", "triangulation", "registration", "exporters"), "toys are enough here")
 
 PLUGIN_HEAD = """
 import ctypes, os, sys, time

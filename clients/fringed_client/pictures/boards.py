@@ -25,7 +25,8 @@ def draw_board_view(path: Path, view: BoardView) -> Path:
     axes = drawn.subplots()
     width, height = view.camera_size_px
     if view.picture is not None:
-        axes.imshow(view.picture, cmap="gray", extent=(-0.5, width - 0.5, height - 0.5, -0.5), vmin=0, vmax=255)
+        rows, columns = (view.picture_step * length for length in view.picture.shape)
+        axes.imshow(view.picture, cmap="gray", extent=(-0.5, columns - 0.5, rows - 0.5, -0.5), vmin=0, vmax=255)
     axes.set_xlim(-0.5, width - 0.5)
     axes.set_ylim(height - 0.5, -0.5)
     axes.set_aspect("equal")

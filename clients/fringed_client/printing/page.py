@@ -72,16 +72,22 @@ def describe(board: Board) -> str:
 def page_of(board: Board, paper: str = FIT) -> Page:
     """Return the page with the board in its middle; `fit` makes a page of the board's size and a strip for notes.
 
+    Marks are neither cut nor scaled: where they do not fit on the paper, the page is as for `fit`, with a warning.
+
     Raises
     ------
     UsageError
-        a paper that the marks do not fit on.
+        a paper that is not known.
     ConfigurationError
         a ChArUco dictionary that does not exist, or is too small.
     """
     marks = ink(board)
     sheet = np.array(size_mm(board))
-    page = _page_mm(sheet, _extent(marks.discs, marks.boxes), paper)
+    extent, warnings = _extent(marks.discs, marks.boxes), list[str]()
+    page = _page_mm(sheet, extent, paper)
+    if page is None:
+        warnings.append(_too_large(extent, paper))
+        paper, page = FIT, _fitting(sheet)
     middle = np.array([page[0] / 2, sheet[1] / 2]) if paper == FIT else page / 2
     low, high = middle - sheet / 2, middle + sheet / 2
     dark = board.polarity == "dark-on-light"
@@ -89,7 +95,6 @@ def page_of(board: Board, paper: str = FIT) -> Page:
     ground = np.array([[*np.maximum(low, 0.0), *np.minimum(high, page)]])
     fills = [] if dark else [Fill(0.0, boxes=ground)]
     fills.append(Fill(0.0 if dark else 1.0, discs, boxes))
-    warnings = []
     if (low < -1e-6).any():
         warnings.append(
             f"{paper} paper of {page[0]:g} x {page[1]:g} mm cuts the margin of the board of {sheet[0]:g} x "
@@ -112,10 +117,10 @@ def _extent(discs: Float64Array, boxes: Float64Array) -> Float64Array:
     return np.asarray(high - low)
 
 
-def _page_mm(sheet: Float64Array, marks: Float64Array, paper: str) -> Float64Array:
-    """Return the page's size, turned the way that the board fits."""
+def _page_mm(sheet: Float64Array, marks: Float64Array, paper: str) -> Float64Array | None:
+    """Return the page's size, turned the way that the board fits; None where it does not."""
     if paper == FIT:
-        return np.array([max(sheet[0], _NOTES_MM), sheet[1] + _strip_mm() + _GAP_MM + EDGE_MM])
+        return _fitting(sheet)
     if paper not in PAPERS:
         raise UsageError(f"{paper!r} is no paper that is known; take one of {', '.join([*PAPERS, FIT])}")
     wide = np.array(PAPERS[paper])
@@ -123,12 +128,20 @@ def _page_mm(sheet: Float64Array, marks: Float64Array, paper: str) -> Float64Arr
         for page in (wide, wide[::-1]) if sheet[0] >= sheet[1] else (wide[::-1], wide):
             if (needed <= page + 1e-6).all():
                 return np.asarray(page)
-    usable = wide - 2 * EDGE_MM
+    return None
+
+
+def _fitting(sheet: Float64Array) -> Float64Array:
+    return np.array([max(sheet[0], _NOTES_MM), sheet[1] + _strip_mm() + _GAP_MM + EDGE_MM])
+
+
+def _too_large(marks: Float64Array, paper: str) -> str:
+    usable = np.array(PAPERS[paper]) - 2 * EDGE_MM
     ratio = max(min(np.min(usable / marks), 1.0), min(np.min(usable[::-1] / marks), 1.0))
-    raise UsageError(
+    return (
         f"marks of {marks[0]:g} x {marks[1]:g} mm do not fit on {paper} paper, of which {usable[0]:g} x "
-        f"{usable[1]:g} mm can be printed on; take larger paper, --paper {FIT}, or a board of at most "
-        f"{np.floor(100 * ratio):.0f} % of this size"
+        f"{usable[1]:g} mm can be printed on; the page is as large as the board instead. For {paper} paper take a "
+        f"board of at most {np.floor(100 * ratio):.0f} % of this size"
     )
 
 

@@ -137,10 +137,12 @@ def picture(drawing: Drawing, px_per_mm: float) -> np.ndarray[Any, Any]:
     from matplotlib.patches import Polygon
 
     dpi = 25.4 * px_per_mm
-    figure = Figure(figsize=(drawing.size[0] / 25.4, drawing.size[1] / 25.4), dpi=dpi, facecolor="white")
+    # Whole pixels: the renderer drops a part of one, and counts from the lower edge.
+    shape = np.ceil(np.array(drawing.size) * px_per_mm - 1e-6)
+    figure = Figure(figsize=tuple((shape + 1e-3) / dpi), dpi=dpi, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
-    axes.set(xlim=(0, drawing.size[0]), ylim=(drawing.size[1], 0))
+    axes.set(xlim=(0, shape[0] / px_per_mm), ylim=(shape[1] / px_per_mm, 0))
     axes.set_axis_off()
     for grey, kind, points in drawing.areas:
         outline = points

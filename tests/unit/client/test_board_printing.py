@@ -125,16 +125,50 @@ def test_printed_charuco_is_found_by_opencv(polarity):
     assert len(ids) == 54 and np.abs(corners.reshape(-1, 2) - wanted).max() < 0.3
 
 
+@pytest.mark.parametrize("kind", ["circles", "asymmetric-circles", "chessboard"])
+def test_printed_grids_are_found_by_opencv(kind):
+    import cv2
+
+    board = BOARDS[kind]
+    drawing = read_pdf(pdf_of(page_of(board, "fit")))
+    shown, size = picture(drawing, 4.0), (board.columns, board.rows)
+    if kind == "chessboard":
+        done, found = cv2.findChessboardCornersSB(shown, size)
+    else:
+        flag = cv2.CALIB_CB_ASYMMETRIC_GRID if kind == "asymmetric-circles" else cv2.CALIB_CB_SYMMETRIC_GRID
+        settings = cv2.SimpleBlobDetector_Params()
+        settings.maxArea = 1e5
+        done, found = cv2.findCirclesGrid(shown, size, flags=flag, blobDetector=cv2.SimpleBlobDetector_create(settings))
+    assert done
+    wanted = (points_mm(board)[:, :2] + [drawing.size[0] / 2, size_mm(board)[1] / 2]) * 4.0 - 0.5
+    # A board of this symmetry may be counted from another corner: each point is somebody's, and each has one.
+    apart = np.linalg.norm(found.reshape(-1, 1, 2) - wanted, axis=-1)
+    assert apart.min(axis=1).max() < 0.3 and len(set(apart.argmin(axis=1))) == len(wanted)
+
+
 def test_boards_turn_the_paper_and_say_what_does_not_fit():
     tall = page_of(BOARDS["circles"], "a4")
     assert (tall.width_mm, tall.height_mm) == (210.0, 297.0)
     cut = page_of(Board(kind="chessboard", columns=8, rows=5, pitch_mm=30.0), "a4")
     assert len(cut.warnings) == 2 and "cuts the margin" in cut.warnings[0] and cut.bar_mm == 0
-    with pytest.raises(UsageError, match=r"do not fit on a4 paper.*at most 76 % of this size"):
-        page_of(Board(pitch_mm=30.0), "a4")
+    with pytest.raises(UsageError, match=r"'b5' is no paper .* a4, a3, letter, tabloid, fit"):
+        page_of(Board(), "b5")
     with pytest.raises(UsageError, match=r"larger than PDF's 5080 mm; write \.svg"):
         pdf_of(page_of(Board(pitch_mm=500.0)))
     assert read_svg(svg_of(page_of(Board(pitch_mm=500.0)))).size[0] == 7000
+
+
+def test_board_that_is_larger_than_the_paper_is_whole_and_warned_of(tmp_path, capsys):
+    path, board = tmp_path / "board.svg", Board(pitch_mm=30.0)
+    assert run(["board", "--pitch", "30", "--output", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    (warning,) = told["warnings"]
+    assert "do not fit on a4 paper" in warning and "at most 76 % of this size" in warning
+    drawing = read_svg(path.read_bytes())
+    assert drawing.size == pytest.approx(told["page_mm"], abs=1e-4) and drawing.size[0] == size_mm(board)[0]
+    found = np.array([circle_of(area) for area in drawing.areas if area.kind != "box"])
+    wanted = ink(board).discs + np.array([drawing.size[0] / 2, size_mm(board)[1] / 2, 0.0])
+    assert np.abs(found - wanted).max() < 3e-4
 
 
 def test_small_boards_have_a_whole_scale_bar_too():
@@ -162,7 +196,7 @@ def test_command_prints_a_table_for_a_configuration(capsys):
 
 @pytest.mark.parametrize(("args", "told"), [
     (["--columns", "4"], "no room for the five"), (["--output", "board.png"], ".pdf or .svg"),
-    (["--toml", "--json"], "take one of them"), (["--pitch", "30"], "do not fit"),
+    (["--toml", "--json"], "take one of them"),
     (["--kind", "charuco", "--dictionary", "DICT_9X9"], "DICT_4X4_50"),
 ])  # fmt: skip
 def test_command_refuses_what_cannot_be(args, told, capsys):
