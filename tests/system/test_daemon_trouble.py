@@ -114,11 +114,12 @@ def test_a_scene_of_a_plug_in_stands_before_the_rig_from_the_start(tmp_path, plu
 
 def test_a_scene_that_nobody_has_is_never_replaced_by_another_one(tmp_path, plugin_config):
     daemon = Daemon(tmp_path, plugin_config.replace('object = "sphere"', 'object = "nope"')).until_ready()
+    known = r"'nope'; built in are plane, .*, mesh, board; of plug-ins: .*wedge"
     try:
         daemon.logged("so there are no scans", 60.0)
         with daemon.client() as client:
             for verb, params in (("scan", {}), ("simulate.scene", {"scene": {"object": "nope"}})):
-                with pytest.raises(NotFound, match=r"'nope'; built in are plane, .*, mesh, board; of plug-ins: .*wedge"):
+                with pytest.raises(NotFound, match=known):
                     client.request(verb, **params)
             assert "no scans: no scene is called 'nope'" in client.status().camera.detail
             client.request("simulate.scene", scene={"object": "sphere"})

@@ -85,7 +85,8 @@ def test_picture_lies_on_the_cameras_pixels(views, axes, tmp_path):
 def test_reduced_picture_keeps_its_scale_where_the_step_does_not_divide(views, axes, tmp_path, size):
     width, height = size
     picture = np.zeros((-(-height // 4), -(-width // 4)), np.uint8)
-    boards.draw_board_view(tmp_path / "a.png", replace(views[1], camera_size_px=size, picture=picture, picture_step=4))
+    view = replace(views[1], camera_size_px=size, picture=picture, picture_step=4)
+    boards.draw_board_view(tmp_path / "a.png", view)
     left, right, bottom, top = axes[0].images[0].get_extent()
     assert (left, top) == (-0.5, -0.5)
     assert (right - left, bottom - top) == (4 * picture.shape[1], 4 * picture.shape[0])
@@ -97,7 +98,11 @@ def test_reason_and_problems_are_told(views, axes, tmp_path):
     assert axes[0].get_title(loc="left") == "pose-02: NOT FOUND"
     assert axes[0].get_title(loc="right") == "SIMULATED"
     told = axes[0].get_xlabel().splitlines()
-    assert told == ["tilt 31 deg, saturated 8.0%", "blurred: edges of 4.2 px, at most 2.5", "glare over 8 % of the board"]
+    assert told == [
+        "tilt 31 deg, saturated 8.0%",
+        "blurred: edges of 4.2 px, at most 2.5",
+        "glare over 8 % of the board",
+    ]
 
 
 def test_view_without_picture_or_of_an_unknown_board_is_drawn(tmp_path, views):
