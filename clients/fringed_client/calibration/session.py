@@ -6,6 +6,7 @@ is. Every pose is a recorded board view, so that a session that ended early can 
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -196,7 +197,8 @@ class Session:
         try:
             return self.station.wait(scan, on_progress, self.wish.timeout_s, until)
         except KeyboardInterrupt:
-            self.station.cancel(scan)
+            with contextlib.suppress(FringedError):  # what cannot be stopped does not keep the user from leaving
+                self.station.cancel(scan)
             raise
 
 
