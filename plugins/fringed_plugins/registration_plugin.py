@@ -29,7 +29,7 @@ _MM = {"units": "mm"}
 class _PairParams(Params, frozen=True, kw_only=True):
     """What both processors take."""
 
-    points: Annotated[int, Meta(ge=500, le=2_000_000, description="most points of the fine stage")] = 25_000
+    points: Annotated[int, Meta(ge=500, le=2_000_000, description="most smoothed points of the last stage")] = 40_000
     iterations: Annotated[int, Meta(ge=1, le=1000, description="most iterations of each stage")] = 40
     min_overlap: Annotated[float, Meta(ge=0.0, le=1.0, description="least part of the model on the reference")] = 0.2
     max_rms_mm: Annotated[
@@ -43,9 +43,9 @@ class _PairParams(Params, frozen=True, kw_only=True):
         return Options(
             T_reference_model=None if start is None else np.array(start, np.float64),
             fine_points=self.points,
+            fine_iterations=min(plain.fine_iterations, self.iterations),
             medium_points=min(plain.medium_points, self.points),
             medium=replace(plain.medium, iterations=self.iterations),
-            fine=replace(plain.fine, iterations=self.iterations),
             limits=Limits(self.min_overlap, self.max_rms_mm),
             threads=threads,
         )

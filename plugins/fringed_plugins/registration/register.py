@@ -6,36 +6,50 @@ cannot be meant raises, what did not succeed says `converged=False` and why.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from fringed_plugins.registration.coarse import Candidate, tournament
+from fringed_plugins.registration.coarse import tournament
 from fringed_plugins.registration.icp import Settings, iterate
+from fringed_plugins.registration.invariant import curved, draw_near
 from fringed_plugins.registration.matching import ClosestPoint
+from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
 from fringed_plugins.registration.starts import principal_axes, turns
-from fringed_plugins.registration.surface import Surface
+from fringed_plugins.registration.surface import Level, Surface
 from fringed_plugins.registration.transforms import FloatArray, checked, translation
 from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verify
 
 UNITS_RATIO = 20.0
 GUESS_POINTS = 2500
+COARSE_POINTS = 2500
+COARSE_ITERATIONS = 25
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to register. `T_reference_model` (4, 4) is a start if known; otherwise guesses are tried."""
+    """How to register.
+
+    `T_reference_model` (4, 4) is a start if one is known; where it is refuted, or none is given, guesses are tried
+    unless `search` is off. `fine_points` is how many smoothed points the last stage takes of the model: all of its
+    points are in them.
+    """
 
     T_reference_model: FloatArray | None = None
+    search: bool = True
     medium_points: int = 6000
-    fine_points: int = 25000
+    fine_points: int = 40000
+    fine_iterations: int = 12
     medium: Settings = field(default_factory=lambda: Settings(iterations=40, still=3e-3, stage="medium"))
-    fine: Settings = field(default_factory=lambda: Settings(iterations=40))
     limits: Limits = field(default_factory=Limits)
     threads: int = 1
 
 
 def register(reference: Surface, model: Surface, options: Options | None = None, report: Report = silent) -> Alignment:
     """Return the motion of `model` to the frame of `reference`, verified.
+
+    A few thousand points are aligned from where the views stand (or the given start). Where that is refuted, the
+    best of many guesses is. All points are then brought foot to foot.
 
     Parameters
     ----------
@@ -53,32 +67,42 @@ def register(reference: Surface, model: Surface, options: Options | None = None,
     """
     options = options or Options()
     _require_same_units(reference, model)
-    stage = _Stage(reference, model, options.medium, options.medium_points, options, report)
+    medium = _Medium(reference, model, options, report)
     best: _Reached | None = None
-    for candidate in _candidates(reference, model, options, report):
-        reached = stage.run(candidate.T_reference_model, ())
+    for start in _starts(reference, model, options, report):
+        reached = medium.run(start)
         if best is None or (not reached.verdict.fault, reached.verdict.overlap) > (False, best.verdict.overlap):
             best = reached
         if not reached.verdict.fault:
             break
         report(0.5, f"a guess was refuted: {reached.verdict.fault}")
-    assert best is not None  # a tournament has a winner
-    fine = replace(stage, settings=options.fine, points=options.fine_points)
-    best = fine.run(best.T_reference_model, best.history)
-    found = _alignment(reference, model, best)
+    assert best is not None  # there is a start at least
+    found = _alignment(reference, model, medium.refined(best))
     report(1.0, "registered" if found.converged else "not registered")
     return found
 
 
-def _candidates(reference: Surface, model: Surface, options: Options, report: Report) -> list[Candidate]:
+def _starts(reference: Surface, model: Surface, options: Options, report: Report) -> Iterator[FloatArray]:
+    """Give the start, or where the views stand, then the guesses that a tournament leaves."""
     between = model.origin - reference.origin
+    start = translation(between)
     if options.T_reference_model is not None:
-        start = checked(options.T_reference_model)
-        return [Candidate(translation(-reference.origin) @ start @ translation(model.origin), 0.0)]
-    report(0.0, "first guesses")
+        start = translation(-reference.origin) @ checked(options.T_reference_model) @ translation(model.origin)
+    yield start
+    if not options.search:
+        return
+    report(0.1, "coarse: curvatures")
+    try:
+        pair = curved(reference, COARSE_POINTS), curved(model, COARSE_POINTS)
+    except ValueError:  # too torn for whole windows; guesses need none
+        pass
+    else:
+        yield draw_near(*pair, start, COARSE_ITERATIONS, lambda made: report(0.1, f"coarse: {made.pairs} pairs"))
+    report(0.2, "first guesses")
     p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
     guesses = turns(p, q, between) + principal_axes(p, q)
-    return tournament(reference, model, guesses, lambda part, text: report(0.4 * part, text), options.threads)
+    for one in tournament(reference, model, guesses, lambda part, text: report(0.4 * part, text), options.threads):
+        yield one.T_reference_model
 
 
 @dataclass(frozen=True)
@@ -93,28 +117,50 @@ class _Reached:
 
 
 @dataclass(frozen=True)
-class _Stage:
-    """The loop and its verification on one level of both surfaces."""
+class _Medium:
+    """The loop and its verification on one level of both surfaces, and the last stage on all points."""
 
     reference: Surface
     model: Surface
-    settings: Settings
-    points: int
     options: Options
     report: Report
 
-    def run(self, T: FloatArray, before: tuple[Iteration, ...]) -> _Reached:
-        p, q = self.reference.level(self.points), self.model.level(self.points)
-        matcher = ClosestPoint(p, self.options.threads)
-        outcome = iterate(p, q, T, matcher, self.settings, self._tell)
-        self.report(0.9, f"{self.settings.stage}: verifying")
+    def run(self, T: FloatArray) -> _Reached:
+        p, q = self._levels()
+        outcome = iterate(p, q, T, ClosestPoint(p, self.options.threads), self.options.medium, self._tell)
+        self.report(0.8, "medium: verifying")
+        verdict = self._verdict(outcome.T_reference_model)
+        return _Reached(outcome.T_reference_model, verdict, outcome.stopped, outcome.settled, outcome.history)
+
+    def refined(self, reached: _Reached) -> _Reached:
+        """Return what all points make of it; what was refuted, or is not held on all sides, stays as it is."""
+        if reached.verdict.fault:
+            return reached
+        self.report(0.85, "fine: patches")
+        fixed = self.reference.patches
+        self.report(0.9, "fine: patches")
+        moving = self.model.patches
+        wish = self.options
+        start = reached.T_reference_model
+        fine = refine(fixed, moving, start, self._tell, wish.fine_points, wish.fine_iterations)
+        history = reached.history + fine.history
+        if not fine.settled:
+            return replace(reached, settled=False, stopped=fine.stopped, history=history)
+        verdict = self._verdict(fine.T_reference_model)
+        if not verdict.fault:
+            verdict = replace(verdict, covariance=fine.covariance)
+        return _Reached(fine.T_reference_model, verdict, fine.stopped, True, history)
+
+    def _levels(self) -> tuple[Level, Level]:
+        return self.reference.level(self.options.medium_points), self.model.level(self.options.medium_points)
+
+    def _verdict(self, T: FloatArray) -> Verdict:
+        p, q = self._levels()
         diagonal = min(self.reference.diagonal_mm, self.model.diagonal_mm)
-        verdict = verify(p, q, outcome.T_reference_model, self.options.limits, matcher, diagonal)
-        history = before + outcome.history
-        return _Reached(outcome.T_reference_model, verdict, outcome.stopped, outcome.settled, history)
+        return verify(p, q, T, self.options.limits, ClosestPoint(p, self.options.threads), diagonal)
 
     def _tell(self, made: Iteration) -> None:
-        self.report(0.7, f"{made.stage}: {made.rms_mm:.4f} mm RMS over {made.pairs} pairs")
+        self.report(0.7, f"{made.stage}: {made.rms_mm:.4g} mm RMS over {made.pairs} pairs")
 
 
 def _alignment(reference: Surface, model: Surface, reached: _Reached) -> Alignment:

@@ -6,9 +6,9 @@ with normals, boundaries and the standard deviation along the normal. Knows noth
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -18,7 +18,11 @@ from scipy.spatial import cKDTree
 from fringed_plugins.registration.normals import BoolArray, complete, healed, normals
 from fringed_plugins.registration.transforms import FloatArray
 
+if TYPE_CHECKING:
+    from fringed_plugins.registration.patches import Patches
+
 Array = npt.NDArray[Any]
+MOST_PATCHES = 600_000
 MIN_POINTS = 200
 MIN_INTERIOR = 60
 JUMP = 8.0  # neighbours farther apart than this many resolutions are not one surface (82 degrees of slope)
@@ -73,12 +77,37 @@ class Surface:
 
     def level(self, most_points: int) -> Level:
         """Return the level of at most about `most_points`; computed once."""
-        step = max(1, int(np.ceil(np.sqrt(self.valid.sum() / most_points))))
-        while step > 1 and min(self.valid.shape) // step < 2 * LEVEL_WINDOW_PX:
-            step -= 1
+        step = self.step_of(most_points)
         if step not in self._levels:
             self._levels[step] = _build_level(self, step)
         return self._levels[step]
+
+    def step_of(self, most_points: int) -> int:
+        """Return the side in pixels of the blocks that leave at most about `most_points`."""
+        step = max(1, int(np.ceil(np.sqrt(self.valid.sum() / most_points))))
+        while step > 1 and min(self.valid.shape) // step < 2 * LEVEL_WINDOW_PX:
+            step -= 1
+        return step
+
+    @cached_property
+    def patches(self) -> Patches:
+        """A smooth patch for every pixel, of means of 2 x 2 and more pixels where there are very many."""
+        from fringed_plugins.registration.patches import patches
+
+        return patches(self.thinned(MOST_PATCHES))
+
+    def thinned(self, most_points: int) -> Surface:
+        """Return the surface of block means that has at most about `most_points`, itself if it has no more."""
+        step = int(np.ceil(np.sqrt(self.valid.sum() / most_points)))
+        if step <= 1:
+            return self
+        xyz, valid, count = block_means(self, step)
+        sigma = None if self.sigma is None else _sigma(self, step, count).astype(np.float32)
+        noise = self.noise_mm / step
+        return replace(
+            self, xyz=xyz.astype(np.float32), valid=valid, sigma=sigma, spacing_mm=self.spacing_mm * step,
+            noise_mm=noise, _levels={},
+        )  # fmt: skip
 
 
 def prepare(xyz_mm: Array, rejected: Array | None = None, sigma_mm: Array | None = None, name: str = "view") -> Surface:
@@ -180,7 +209,7 @@ def _drop_jumps(xyz: Array, valid: BoolArray, limit_mm: float) -> None:
 
 
 def _build_level(surface: Surface, step: int) -> Level:
-    xyz, valid, count = _block_means(surface, step)
+    xyz, valid, count = block_means(surface, step)
     whole, filled = healed(xyz, valid)
     n, inner = normals(whole, filled, LEVEL_WINDOW_PX)
     inner &= valid & complete(_connected(whole, filled, JUMP * step * surface.spacing_mm), LEVEL_WINDOW_PX)
@@ -202,7 +231,7 @@ def _build_level(surface: Surface, step: int) -> Level:
     return Level(points, directions, interior, sigma, spacing, slope_noise)
 
 
-def _block_means(surface: Surface, step: int) -> tuple[FloatArray, BoolArray, FloatArray]:
+def block_means(surface: Surface, step: int) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Return the mean of each block's valid points, where it counts, and of how many points it is."""
     h, w = (n // step for n in surface.valid.shape)
     xyz, valid = surface.xyz[: h * step, : w * step], surface.valid[: h * step, : w * step]

@@ -1,0 +1,177 @@
+"""Kernels on patches: build them, walk to feet of perpendiculars, sum up the normal equations.
+
+Owns the arithmetic alone; arrays are checked by the callers.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+from numba import njit, prange
+
+Array = np.ndarray[Any, Any]
+MOST_STEPS = 5
+NEAR = 0.6  # of a pixel: half would let a foot on the edge walk to and fro
+FACING_COS = 0.7
+SUMS = 29  # 21 of H's upper triangle, 6 of the gradient, weights, weighted squares
+
+
+@njit(cache=True, parallel=True)
+def build(moments: Array, w: Array, usable: Array, table: Array) -> None:
+    """Fill `table` (height, width, 15) from the windows' moments (6, height, width, 3) where `usable`."""
+    height, width = usable.shape
+    m00, m10, m01, m20, m11, m02 = moments[0], moments[1], moments[2], moments[3], moments[4], moments[5]
+    w0, w1, w2 = np.float32(w[0]), np.float32(w[1]), np.float32(w[2])
+    a0, a1, a2 = np.float32(2 * w[3]), np.float32(2 * w[4]), np.float32(2 * w[5])
+    b0, b1, b2 = np.float32(2 * w[6]), np.float32(2 * w[7]), np.float32(2 * w[8])
+    slope, twist = np.float32(w[9]), np.float32(w[10])
+    for r in prange(height):
+        x = np.empty(18, np.float32)
+        for c in range(width):
+            if not usable[r, c]:
+                continue
+            for k in range(3):
+                p, q, s = m00[r, c, k], m20[r, c, k], m02[r, c, k]
+                x[k] = w0 * p + w1 * q + w2 * s
+                x[3 + k] = slope * m10[r, c, k]
+                x[6 + k] = slope * m01[r, c, k]
+                x[9 + k] = a0 * p + a1 * q + a2 * s
+                x[12 + k] = twist * m11[r, c, k]
+                x[15 + k] = b0 * p + b1 * q + b2 * s
+            # rows x columns points towards the sensor
+            nx = x[7] * x[5] - x[8] * x[4]
+            ny = x[8] * x[3] - x[6] * x[5]
+            nz = x[6] * x[4] - x[7] * x[3]
+            length = sqrt(nx * nx + ny * ny + nz * nz)
+            if length <= 0:
+                usable[r, c] = False
+                continue
+            nx, ny, nz = nx / length, ny / length, nz / length
+            for k in range(9):
+                table[r, c, k] = x[k]
+            table[r, c, 9], table[r, c, 10], table[r, c, 11] = nx, ny, nz
+            table[r, c, 12] = x[9] * nx + x[10] * ny + x[11] * nz
+            table[r, c, 13] = x[12] * nx + x[13] * ny + x[14] * nz
+            table[r, c, 14] = x[15] * nx + x[16] * ny + x[17] * nz
+
+
+@njit(cache=True, inline="always")
+def _foot(
+    place: tuple[float, float, float], c: int, r: int, table: Array, usable: Array
+) -> tuple[int, int, float, float]:
+    """Walk from pixel (c, r) to the foot of a place: its pixel and the way on from there; r is -1 without one."""
+    height, width = usable.shape
+    x, y, z = place
+    du = dv = 0.0
+    for _ in range(MOST_STEPS):
+        if not usable[r, c]:
+            return c, -1, du, dv
+        t = table[r, c]
+        ox, oy, oz = x - t[0], y - t[1], z - t[2]
+        E = t[3] * t[3] + t[4] * t[4] + t[5] * t[5]
+        F = t[3] * t[6] + t[4] * t[7] + t[5] * t[8]
+        G = t[6] * t[6] + t[7] * t[7] + t[8] * t[8]
+        d = ox * t[9] + oy * t[10] + oz * t[11]
+        # the foot on the quadratic, not on its plane: the form is I - d II
+        A, B, D = E - d * t[12], F - d * t[13], G - d * t[14]
+        det = A * D - B * B
+        if det <= 0.1 * (E * G - F * F):
+            A, B, D = E, F, G
+            det = E * G - F * F
+        a = ox * t[3] + oy * t[4] + oz * t[5]
+        b = ox * t[6] + oy * t[7] + oz * t[8]
+        du, dv = (D * a - B * b) / det, (A * b - B * a) / det
+        if abs(du) <= NEAR and abs(dv) <= NEAR:
+            return c, r, du, dv
+        nc, nr = int(np.floor(c + du + 0.5)), int(np.floor(r + dv + 0.5))
+        if nc < 0 or nr < 0 or nc >= width or nr >= height:
+            return c, -1, du, dv
+        c, r = nc, nr
+    if not usable[r, c] or abs(du) > 1.0 or abs(dv) > 1.0:
+        return c, -1, du, dv
+    return c, r, du, dv
+
+
+@njit(cache=True, inline="always")
+def _normal(t: Array, du: float, dv: float) -> tuple[float, float, float, float]:
+    """Return the unit normal of a patch at (du, dv) by Weingarten's equations, and its cosine to the middle's."""
+    E = t[3] * t[3] + t[4] * t[4] + t[5] * t[5]
+    F = t[3] * t[6] + t[4] * t[7] + t[5] * t[8]
+    G = t[6] * t[6] + t[7] * t[7] + t[8] * t[8]
+    det = E * G - F * F
+    lu, lv = t[12] * du + t[13] * dv, t[13] * du + t[14] * dv
+    a, b = (G * lu - F * lv) / det, (E * lv - F * lu) / det
+    nx = t[9] - a * t[3] - b * t[6]
+    ny = t[10] - a * t[4] - b * t[7]
+    nz = t[11] - a * t[5] - b * t[8]
+    scale = 1.0 / sqrt(nx * nx + ny * ny + nz * nz)
+    return nx * scale, ny * scale, nz * scale, (nx * t[9] + ny * t[10] + nz * t[11]) * scale
+
+
+@njit(cache=True, parallel=True)
+def walk(model: Array, transforms: Array, table: Array, usable: Array, found: Array, out: Array) -> None:
+    """Find the foot of each moved point: `found` its flat pixel or -1, `out` (n, 7) point, normal, distance.
+
+    `model` (n, 6) points and normals; `transforms` (7, 4) the motion's four rows and the projection's three.
+    Projects, then walks in the tangent plane until the foot lies within a pixel.
+    """
+    height, width = usable.shape
+    T, P = transforms[:4], transforms[4:]
+    for i in prange(len(model)):
+        found[i] = -1
+        px, py, pz, mx, my, mz = model[i, 0], model[i, 1], model[i, 2], model[i, 3], model[i, 4], model[i, 5]
+        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        depth = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
+        if depth < 1e-6:
+            continue
+        u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / depth
+        v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / depth
+        if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
+            continue
+        c, r, du, dv = _foot((x, y, z), int(u + 0.5), int(v + 0.5), table, usable)
+        if r < 0:
+            continue
+        t = table[r, c]
+        nx, ny, nz, cosine = _normal(t, du, dv)
+        facing = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
+        facing += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
+        facing += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
+        if facing < FACING_COS:
+            continue
+        d = (x - t[0]) * t[9] + (y - t[1]) * t[10] + (z - t[2]) * t[11]
+        d -= 0.5 * (du * (t[12] * du + t[13] * dv) + dv * (t[13] * du + t[14] * dv))
+        found[i] = r * width + c
+        out[i, 0], out[i, 1], out[i, 2] = x, y, z
+        out[i, 3], out[i, 4], out[i, 5] = nx, ny, nz
+        out[i, 6] = d / cosine  # along the foot's normal; `d` is along that of the patch's middle
+
+
+@njit(cache=True)
+def accumulate(found: Array, rows: Array, variance: Array, scale: float, more: float, sums: Array) -> None:
+    """Add up Tukey-weighted normal equations of `rows` (n, 7); `sums` (29,) see SUMS.
+
+    A weight is 1 / (variance + `more`); residuals beyond 4.685 x `scale` x the pair's own share have none.
+    """
+    for i in range(len(found)):
+        if found[i] < 0:
+            continue
+        e = rows[i, 6] / (4.685 * scale)
+        if abs(e) >= 1.0:
+            continue
+        w = (1.0 - e * e) ** 2 / (variance[i] + more)
+        x, y, z, a, b, c = rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]
+        j0, j1, j2 = y * c - z * b, z * a - x * c, x * b - y * a
+        row = (j0, j1, j2, a, b, c)
+        k = 0
+        for m in range(6):
+            wm = w * row[m]
+            for n in range(m, 6):
+                sums[k] += wm * row[n]
+                k += 1
+            sums[21 + m] += wm * rows[i, 6]
+        sums[27] += w
+        sums[28] += w * rows[i, 6] * rows[i, 6]

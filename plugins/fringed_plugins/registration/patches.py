@@ -1,0 +1,143 @@
+"""A surface as a patch for every pixel: smoothed point, tangents, normal and second fundamental form.
+
+Owns the least-squares quadratic of a square window of the grid, of all points at once. A patch is usable only
+where its whole window is valid. What a window averages counts as often as points lie in it, so that a few of
+the smoothed points tell as much of a motion as all points did. Knows nothing of a second view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from fringed_plugins.registration.footpoints import fit_projection
+from fringed_plugins.registration.normals import BoolArray, complete, healed
+from fringed_plugins.registration.patch_kernels import build
+from fringed_plugins.registration.surface import Surface
+from fringed_plugins.registration.transforms import FloatArray
+
+Array = npt.NDArray[Any]
+WINDOWS_PX = (7, 5, 3)
+TRUNCATED = 0.5  # a window is too large whose fit misses its middle by more than this many noises
+_SAMPLE_ROWS = 24
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Patches of one surface, relative to its `origin`.
+
+    `table` (height, width, 15) float32: point, derivatives along columns and rows, unit normal towards the
+    sensor, and the second fundamental form (e, f, g) for steps of one pixel; meaningless where not `usable`.
+    `projection` (3, 4) takes points to (column, row). `gain` is the variance of a smoothed point in units of
+    one point's.
+    """
+
+    surface: Surface
+    table: Array
+    usable: BoolArray
+    projection: FloatArray
+    window_px: int
+    gain: float
+
+    def sample(self, most_points: int) -> tuple[FloatArray, Array, float]:
+        """Return smoothed points with normals (n, 6), their flat pixels (n,), and how many points each stands for.
+
+        Every s-th column and row; while s is at most half the window no point is lost.
+        """
+        s = max(1, int(np.ceil(np.sqrt(self.usable.sum() / most_points))))
+        rows, columns = np.nonzero(self.usable[s // 2 :: s, s // 2 :: s])
+        rows, columns = rows * s + s // 2, columns * s + s // 2
+        chosen = self.table[rows, columns]
+        pixels = rows * self.usable.shape[1] + columns
+        return chosen[:, [0, 1, 2, 9, 10, 11]].astype(np.float64), pixels, float(s * s)
+
+
+def patches(surface: Surface, window_px: int | None = None) -> Patches:
+    """Return the patches of a surface.
+
+    Parameters
+    ----------
+    surface
+        what `surface.prepare` gives.
+    window_px
+        side of the window, odd, at least 3; None takes the largest of 7, 5 and 3 that the surface is smooth over.
+
+    Raises
+    ------
+    ValueError
+        no window is complete anywhere.
+
+    References
+    ----------
+    Savitzky & Golay 1964: least squares of a window are a convolution; Besl & Jain 1988 for range images.
+    """
+    whole, filled = healed(surface.xyz, surface.valid)
+    for window in (window_px,) if window_px else WINDOWS_PX:
+        assert window is not None
+        if window_px or window == WINDOWS_PX[-1] or _smooth_over(surface, whole, filled, window):
+            break
+    usable = complete(filled, window) & surface.valid
+    if not usable.any():
+        raise ValueError(f"the {surface.name} has no complete window of {window} pixels: its valid region is too torn")
+    table = table_of(whole, usable, window)
+    return Patches(surface, table, usable, fit_projection(surface), window, quadratic(window)[1])
+
+
+def table_of(xyz: Array, usable: BoolArray, window_px: int) -> Array:
+    """Return the patches' table (height, width, 15) of points (height, width, 3) float32; see `Patches`.
+
+    A pixel without a tangent plane (coincident points) becomes unusable, in place.
+    """
+    table = np.empty((*usable.shape, 15), np.float32)
+    build(moments(xyz, window_px), quadratic(window_px)[0], usable, table)
+    return table
+
+
+def quadratic(window_px: int) -> tuple[FloatArray, float]:
+    """Return what turns a window's moments into a quadratic's coefficients, and its value's variance.
+
+    With u, v = -h .. h, n points a side: sums S0 = n, S2 = sum u^2, S4 = sum u^4.
+    """
+    u = np.arange(window_px, dtype=np.float64) - window_px // 2
+    S0, S2, S4 = float(window_px), float(u @ u), float((u**4).sum())
+    # 1, u^2 and v^2 mix: normal equations of those three
+    N = np.array([[S0 * S0, S0 * S2, S0 * S2], [S0 * S2, S0 * S4, S2 * S2], [S0 * S2, S2 * S2, S0 * S4]])
+    inverse = np.linalg.inv(N)
+    weights = np.array([*inverse[0], *inverse[1], *inverse[2], 1 / (S0 * S2), 1 / (S2 * S2)])
+    return weights, float(inverse[0, 0])
+
+
+def moments(xyz: Array, window_px: int) -> Array:
+    """Return sums of f, u f, v f, u^2 f, u v f, v^2 f over each pixel's window, (6, height, width, 3) float32."""
+    u = np.arange(window_px, dtype=np.float32) - window_px // 2
+    one = np.ones(window_px, np.float32)
+    pairs = ((one, one), (u, one), (one, u), (u * u, one), (u, u), (one, u * u))
+    out = np.empty((6, *xyz.shape), np.float32)
+    for k, (a, b) in enumerate(pairs):
+        cv2.sepFilter2D(xyz, -1, a, b, dst=out[k], borderType=cv2.BORDER_REPLICATE)
+    return out
+
+
+def _smooth_over(surface: Surface, xyz: Array, filled: BoolArray, window_px: int) -> bool:
+    """Tell whether the quadratic of a window meets the point in its middle within the noise."""
+    ok = complete(filled, window_px) & surface.valid
+    full = np.flatnonzero(ok.any(1))
+    if full.size == 0:
+        return False
+    weights, gain = quadratic(window_px)
+    half = window_px // 2
+    off = []
+    for row in full[:: max(1, full.size // _SAMPLE_ROWS)]:
+        band = xyz[row - half : row + half + 1]
+        sums = moments(band, window_px)[:, half]
+        fitted = weights[0] * sums[0] + weights[1] * sums[3] + weights[2] * sums[5]
+        off.append((fitted - band[half])[ok[row]])
+    missed = np.concatenate(off)
+    scale = 1.4826 * float(np.median(np.sqrt((missed**2).sum(1))))
+    # three coordinates of a median length: noise is along the ray alone, the rest is what the window cuts
+    noise = surface.noise_mm * np.sqrt(max(1 - gain, 0.0))
+    return bool(scale < (1 + TRUNCATED) * max(noise, 1e-5 * surface.spacing_mm))
