@@ -111,6 +111,22 @@ def quadratic(window_px: int) -> tuple[FloatArray, float]:
     return weights, float(inverse[0, 0])
 
 
+def curvature_noise(patches: FloatArray, noise: float, window_px: int) -> FloatArray:
+    """Return the standard deviation of principal curvatures (n, 2) of patches (n, 15) where points have `noise`.
+
+    Of noise along the normal a second derivative keeps 4 times the variance of its coefficient; a pixel is
+    sqrt(E), sqrt(G) long. Of both curvatures that along the longer side is the more certain one: the mean serves.
+    """
+    S = np.arange(window_px, dtype=np.float64) - window_px // 2
+    n, S2, S4 = float(window_px), float(S @ S), float((S**4).sum())
+    N = np.array([[n * n, n * S2, n * S2], [n * S2, n * S4, S2 * S2], [n * S2, S2 * S2, n * S4]])
+    gain = 2.0 * np.sqrt(np.linalg.inv(N)[1, 1])
+    a, b = patches[:, 3:6], patches[:, 6:9]
+    area = np.sqrt(np.maximum((a * a).sum(1) * (b * b).sum(1), 1e-300))
+    one = np.maximum(gain * noise / area, 1e-300)
+    return np.stack([one, one], axis=1)
+
+
 def moments(xyz: Array, window_px: int) -> Array:
     """Return sums of f, u f, v f, u^2 f, u v f, v^2 f over each pixel's window, (6, height, width, 3) float32."""
     u = np.arange(window_px, dtype=np.float32) - window_px // 2

@@ -17,6 +17,7 @@ from fringed_plugins.registration.patches import Array, Patches
 from fringed_plugins.registration.plane import motion
 from fringed_plugins.registration.rejection import mad_scale
 from fringed_plugins.registration.result import Iteration
+from fringed_plugins.registration.surface import LEAST_COSINE
 from fringed_plugins.registration.transforms import FloatArray, orthonormal
 
 MIN_FEET = 60
@@ -96,6 +97,7 @@ def _variance_at(side: Patches, pixels: Array, normals: FloatArray) -> FloatArra
     ray = side.table.reshape(-1, 15)[pixels, :3] + side.surface.origin
     length = np.sqrt(np.einsum("ij,ij->i", ray, ray))
     cosine = np.einsum("ij,ij->i", ray, normals) / np.maximum(length, 1e-12)
+    cosine = np.maximum(np.abs(cosine), LEAST_COSINE)
     variance: FloatArray = np.asarray((sigma * cosine) ** 2, np.float64)
     return variance
 

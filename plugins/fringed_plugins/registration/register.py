@@ -66,7 +66,7 @@ def register(reference: Surface, model: Surface, options: Options | None = None,
         surfaces of different units, or a start that is no rigid transform.
     """
     options = options or Options()
-    _require_same_units(reference, model)
+    require_same_units(reference, model)
     medium = _Medium(reference, model, options, report)
     best: _Reached | None = None
     for start in _starts(reference, model, options, report):
@@ -172,7 +172,8 @@ def _alignment(reference: Surface, model: Surface, reached: _Reached) -> Alignme
     return Alignment(full, not fault, reason, verdict.rms_mm, verdict.overlap, covariance, reached.history)
 
 
-def _require_same_units(reference: Surface, model: Surface) -> None:
+def require_same_units(reference: Surface, model: Surface) -> None:
+    """Raise ValueError where extent or resolution say that the surfaces are in different units."""
     extent = reference.diagonal_mm / model.diagonal_mm
     resolution = reference.spacing_mm / model.spacing_mm
     if min(extent, resolution) > UNITS_RATIO or max(extent, resolution) < 1 / UNITS_RATIO:

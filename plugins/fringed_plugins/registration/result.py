@@ -19,7 +19,10 @@ def silent(fraction: float, text: str) -> None:
 
 @dataclass(frozen=True)
 class Iteration:
-    """One iteration: RMS of the pairs it used, their number, Zhang's limit, and the motion it made."""
+    """One iteration: RMS of the pairs it used, their number, the limit of their distance, and the motion it made.
+
+    `alpha_mm` is how much one unit of an invariant's noise counts as distance, where invariants are compared.
+    """
 
     rms_mm: float
     pairs: int
@@ -27,6 +30,7 @@ class Iteration:
     rotation_rad: float
     translation_mm: float
     stage: str
+    alpha_mm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[Any]
 MOST_PATCHES = 600_000
+LEAST_COSINE = 0.2  # between ray and normal: points without a camera have rays of no meaning
 MIN_POINTS = 200
 MIN_INTERIOR = 60
 JUMP = 8.0  # neighbours farther apart than this many resolutions are not one surface (82 degrees of slope)
@@ -222,7 +223,8 @@ def _build_level(surface: Surface, step: int) -> Level:
         )
     sigma = _sigma(surface, step, count)[valid]
     ray = points + surface.origin
-    sigma *= np.abs(np.einsum("ij,ij->i", ray, directions)) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
+    cosine = np.abs(np.einsum("ij,ij->i", ray, directions)) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
+    sigma *= np.maximum(cosine, LEAST_COSINE)
     sigma = np.where(interior, sigma, np.median(sigma[interior]))
     spacing = _resolution(xyz, valid)
     half = LEVEL_WINDOW_PX // 2

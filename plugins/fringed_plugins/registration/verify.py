@@ -11,7 +11,7 @@ import numpy as np
 
 from fringed_plugins.registration.icp import MIN_PAIRS, Paired, Settings, pair, weigh
 from fringed_plugins.registration.matching import ClosestPoint
-from fringed_plugins.registration.plane import information, jacobian
+from fringed_plugins.registration.plane import information, jacobian, step
 from fringed_plugins.registration.rejection import mad_scale
 from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray, apply, cross_matrix
@@ -72,6 +72,22 @@ def verify(
         fault = f"{weakest} is not determined by the surface (information {eigenvalues[0]:.1e}, needed {least:.1e})"
     covariance = None if eigenvalues[0] < least else _covariance(pairs, inlier, noise)
     return Verdict(fault, rms, overlap, covariance)
+
+
+def still_to_go(reference: Level, model: Level, T: FloatArray, matcher: ClosestPoint) -> float:
+    """Return by how much, RMS over the model's points, one point-to-plane step would still move the model.
+
+    A method that minimises something else stands where its own error is least; how far that is from where the
+    surfaces meet is told by this.
+    """
+    pairs = pair(reference, model, T, matcher, Settings(normals_cos=0.5), GATE * reference.spacing_mm)
+    if len(pairs) < MIN_PAIRS:
+        return float("inf")
+    weights, _ = weigh(pairs, 1e-6 * reference.spacing_mm)
+    middle = 0.5 * (pairs.points + pairs.partners)
+    small, _ = step(jacobian(middle, pairs.normals), pairs.residual_mm, weights)
+    moved = small[3:] + np.cross(small[:3], pairs.points)
+    return float(np.sqrt((moved**2).sum(1).mean()))
 
 
 def in_frame(covariance: FloatArray, origin: FloatArray) -> FloatArray:

@@ -1,0 +1,118 @@
+"""A frame as the classical methods take it: points with what is known of each, and its resolution.
+
+Owns what a policy may ask for. A frame of a range image has normals, principal curvatures and boundaries where the
+whole window is valid; a frame of bare points has what the caller gives. Knows nothing of a second frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from fringed_plugins.registration.footpoints import fit_projection
+from fringed_plugins.registration.invariant import principal
+from fringed_plugins.registration.normals import BoolArray, complete, healed
+from fringed_plugins.registration.patches import curvature_noise, table_of
+from fringed_plugins.registration.surface import Surface
+from fringed_plugins.registration.transforms import FloatArray
+
+Index = npt.NDArray[np.intp]
+FEATURE_FLOOR = 0.02  # of the features' spread: no curvature repeats better between two samplings
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Points (n, 3) relative to `origin`, normals (n, 3) zero where unknown, `whole` (n,) where features hold.
+
+    `features` (n, m) are invariants in units of their noise; `boundary` (n,) is the rim of what is valid,
+    `rim` that of what is whole. `sigma` (n,) is the standard deviation along the sensor's ray, `rays` (n, 3).
+    `pixel` (height, width) has each pixel's point or -1 and `projection` (3, 4) takes points to (column, row, 1),
+    where the frame is a grid.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    features: FloatArray
+    whole: BoolArray
+    boundary: BoolArray
+    rim: BoolArray
+    sigma: FloatArray
+    rays: FloatArray
+    resolution: float
+    origin: FloatArray
+    pixel: Index | None = None
+    projection: FloatArray | None = None
+    name: str = "frame"
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """The search tree over all points."""
+        return cKDTree(self.points, balanced_tree=False, compact_nodes=False)
+
+    @cached_property
+    def extent(self) -> float:
+        """The root mean square distance of the points from their mean."""
+        return float(np.sqrt(((self.points - self.points.mean(0)) ** 2).sum(1).mean()))
+
+    def with_features(self, features: FloatArray, whole: BoolArray | None = None) -> Frame:
+        """Return the frame with other invariants, such as `features.invariants` gives.
+
+        Raises
+        ------
+        ValueError
+            not one row for each point, or NaN where they are said to hold.
+        """
+        whole = self.whole if whole is None else whole
+        if features.ndim != 2 or len(features) != len(self) or not np.isfinite(features[whole]).all():
+            raise ValueError(f"features of shape {features.shape} for {len(self)} points; expected (n, m), finite")
+        return replace(self, features=np.where(whole[:, None], features, 0.0), whole=whole)
+
+
+def frame_of(surface: Surface, most_points: int | None = None, window_px: int = 7) -> Frame:
+    """Return the frame of a range image, of block means where it has more than `most_points`.
+
+    Features are the principal curvatures (k1, k2), valid on whole windows only, divided by their noise (Sharp, Lee,
+    Wehe 2002), which is that of the points or a small part of the curvatures' spread, whichever is more.
+
+    Raises
+    ------
+    ValueError
+        no window is complete anywhere.
+    """
+    thin = surface if most_points is None else surface.thinned(most_points)
+    xyz, filled = healed(thin.xyz, thin.valid)
+    usable = complete(filled, window_px) & thin.valid
+    if not usable.any():
+        raise ValueError(f"the {surface.name} has no complete window of {window_px} pixels: its valid region is torn")
+    table = table_of(xyz, usable, window_px)
+    valid = thin.valid
+    points = thin.xyz[valid].astype(np.float64)
+    whole = usable[valid]
+    patch = np.where(whole[:, None], table[valid], 0.0).astype(np.float64)
+    features = np.zeros((len(points), 2))
+    features[whole] = principal(patch[whole])
+    sigma = np.full(len(points), thin.noise_mm) if thin.sigma is None else thin.sigma[valid].astype(np.float64)
+    noise = curvature_noise(patch[whole], float(np.median(sigma)), window_px)
+    features[whole] /= np.maximum(noise, FEATURE_FLOOR * _spread(features[whole]))
+    pixel = np.full(valid.shape, -1, np.intp)
+    pixel[valid] = np.arange(len(points))
+    rays = points + surface.origin
+    rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+    boundary, rim = ~complete(valid, 3)[valid], ~complete(usable, 3)[valid]
+    return Frame(
+        points, patch[:, 9:12], features, whole, boundary, rim, sigma, rays, thin.spacing_mm, surface.origin, pixel,
+        fit_projection(thin), surface.name,
+    )  # fmt: skip
+
+
+def _spread(features: FloatArray) -> FloatArray:
+    low, high = np.percentile(features, (10, 90), axis=0)
+    spread: FloatArray = np.maximum(high - low, 1e-12)
+    return spread
