@@ -5,6 +5,7 @@ Owns parameters, limits and the wording towards the user; the mathematics is in 
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
@@ -16,6 +17,9 @@ from fringed.data import IterationRecord, Model, RangeImage, Registration
 from fringed.errors import ConvergenceError, DataError
 from fringed.hookspecs import Context, Params, hookimpl
 from fringed_plugins.registration.chaining import Chain, ChainBrokenError, Link, chain
+from fringed_plugins.registration.family.method import Method
+from fringed_plugins.registration.family.pair import register_by
+from fringed_plugins.registration.family.presets import METHODS
 from fringed_plugins.registration.merging import merge
 from fringed_plugins.registration.register import Options, register
 from fringed_plugins.registration.result import Alignment, Iteration, Report
@@ -30,7 +34,9 @@ class _PairParams(Params, frozen=True, kw_only=True):
     """What both processors take."""
 
     points: Annotated[int, Meta(ge=500, le=2_000_000, description="most smoothed points of the last stage")] = 40_000
-    iterations: Annotated[int, Meta(ge=1, le=1000, description="most iterations of each stage")] = 40
+    iterations: Annotated[
+        int, Meta(ge=0, le=1000, description="most iterations of each stage; 0: the method's own, 12 to 100")
+    ] = 0
     min_overlap: Annotated[float, Meta(ge=0.0, le=1.0, description="least part of the model on the reference")] = 0.2
     max_rms_mm: Annotated[
         float,
@@ -43,9 +49,9 @@ class _PairParams(Params, frozen=True, kw_only=True):
         return Options(
             T_reference_model=None if start is None else np.array(start, np.float64),
             fine_points=self.points,
-            fine_iterations=min(plain.fine_iterations, self.iterations),
+            fine_iterations=min(plain.fine_iterations, self.iterations or plain.fine_iterations),
             medium_points=min(plain.medium_points, self.points),
-            medium=replace(plain.medium, iterations=self.iterations),
+            medium=replace(plain.medium, iterations=self.iterations or plain.medium.iterations),
             limits=Limits(self.min_overlap, self.max_rms_mm),
             threads=threads,
         )
@@ -62,7 +68,7 @@ def _report(context: Context) -> Report:
 
 def _record(made: Iteration) -> IterationRecord:
     return IterationRecord(
-        made.rms_mm, made.pairs, made.threshold_mm, made.rotation_rad, made.translation_mm, made.stage
+        made.rms_mm, made.pairs, made.threshold_mm, made.rotation_rad, made.translation_mm, made.stage, made.alpha_mm
     )
 
 
@@ -80,12 +86,23 @@ def _product(alignment: Alignment, reference: str, model: str) -> Registration:
     )
 
 
+def _method(name: str) -> Method | None:
+    """Return the method of the literature that is meant, None for the default one."""
+    if name == "default":
+        return None
+    if name not in METHODS:
+        close = difflib.get_close_matches(name, [*METHODS, "default"], 3)
+        meant = f"did you mean {' or '.join(close)}? " if close else ""
+        raise DataError(f"no registration method is called {name!r}; {meant}There are default, {', '.join(METHODS)}")
+    return METHODS[name]
+
+
 class Register:
-    """Bring one range image to another's frame: guesses, coarse to fine ICP, verification."""
+    """Bring one range image to another's frame: by the default method, or by one of the literature, verified."""
 
     name: ClassVar[str] = "register"
-    version: ClassVar[str] = "1.0.0"
-    summary: ClassVar[str] = "PCA and turns as first guesses, symmetric point-to-plane ICP, verified"
+    version: ClassVar[str] = "2.0.0"
+    summary: ClassVar[str] = "views brought together from anywhere, foot to foot, verified; or by a named method"
     inputs: ClassVar[Mapping[str, Any]] = {"reference": RangeImage, "model": RangeImage}
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = Registration
@@ -93,6 +110,12 @@ class Register:
     class Params(_PairParams, frozen=True, kw_only=True):
         """Parameters of `register`."""
 
+        method: Annotated[str, Meta(description="`default`, or a method of the literature: " + ", ".join(METHODS))] = (
+            "default"
+        )
+        search: Annotated[
+            bool, Meta(description="whether a refuted start is followed by guesses (default method only)")
+        ] = True
         T_reference_model: Annotated[
             tuple[Row, Row, Row, Row] | None,
             Meta(description="start as four rows of four numbers; null: find one", extra_json_schema=_MM),
@@ -107,12 +130,17 @@ class Register:
             range images that cannot be registered, or a start that is not rigid.
         """
         reference, model = inputs["reference"], inputs["model"]
-        options = params.options(context.threads, params.T_reference_model)
+        options = replace(params.options(context.threads, params.T_reference_model), search=params.search)
+        method = _method(params.method)
         try:
             context.progress(0.0, "preparing the reference")
             fixed = _surface(reference, "reference")
             context.progress(0.0, "preparing the model")
-            alignment = register(fixed, _surface(model, "model"), options, _report(context))
+            moving = _surface(model, "model")
+            if method is None:
+                alignment = register(fixed, moving, options, _report(context))
+            else:
+                alignment = register_by(method, fixed, moving, options, params.iterations or None, _report(context))
         except DataError:
             raise
         except ValueError as error:
@@ -206,7 +234,7 @@ def _known(views: Sequence[RangeImage], given: Sequence[Registration]) -> dict[t
             one.overlap,
             one.covariance,
             tuple(
-                Iteration(h.rms_mm, h.pairs, h.threshold_mm, h.rotation_rad, h.translation_mm, h.stage)
+                Iteration(h.rms_mm, h.pairs, h.threshold_mm, h.rotation_rad, h.translation_mm, h.stage, h.alpha_mm)
                 for h in one.history
             ),
         )

@@ -45,7 +45,10 @@ class RangeImage(Frozen):
 
 @dataclass(frozen=True)
 class IterationRecord:
-    """One iteration of a registration."""
+    """One iteration of a registration.
+
+    `alpha_mm` is how much one unit of an invariant's noise counted as distance, where invariants were compared.
+    """
 
     rms_mm: float
     pairs: int
@@ -53,6 +56,7 @@ class IterationRecord:
     rotation_rad: float
     translation_mm: float
     stage: str = ""
+    alpha_mm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -75,7 +75,7 @@ def test_closest_and_projective_meet_near_points(frame):
     assert np.array_equal(Closest().prepare(frame, 1)(query), some)
     found = Projective().prepare(frame, 1)(query)
     assert (found == some).mean() > 0.95
-    far = Query(wanted + [100.0, 0, 0], frame.normals[some], frame.features[some], 0.0)
+    far = Query(wanted + np.array([100.0, 0, 0]), frame.normals[some], frame.features[some], 0.0)
     assert (Projective().prepare(frame, 1)(far) == -1).all()
 
 

@@ -83,6 +83,26 @@ def test_start_comes_as_nested_lists(seen, images):
     json.dumps(msgspec.to_builtins(params))
 
 
+def test_method_of_the_literature_is_chosen_by_name(seen, images):
+    product = Register().run({"reference": images[0], "model": images[1]}, Register.Params(method="symmetric"), Host())
+    assert product.converged and {made.stage for made in product.history} == {"symmetric"}
+    assert errors(product.T_reference_model, seen[0], seen[1])[0] < 0.05
+    icpif = Register().run({"reference": images[0], "model": images[1]}, Register.Params(method="icpif"), Host())
+    assert icpif.history[0].alpha_mm > 0 and decode(encode(icpif)).content.history == icpif.history
+    with pytest.raises(DataError, match="did you mean icpif"):
+        Register().run({"reference": images[0], "model": images[1]}, Register.Params(method="icpfi"), Host())
+
+
+def test_refuted_start_is_followed_by_guesses_unless_told_not_to(images):
+    start = np.eye(4)
+    start[:3, 3] = [400.0, 0, 0]
+    params = msgspec.convert({"T_reference_model": start.tolist(), "search": False}, Register.Params)
+    alone = Register().run({"reference": images[0], "model": images[1]}, params, Host())
+    assert not alone.converged
+    params = msgspec.convert({"T_reference_model": start.tolist()}, Register.Params)
+    assert Register().run({"reference": images[0], "model": images[1]}, params, Host()).converged
+
+
 def test_failure_is_a_product_that_says_why(images):
     host = Host()
     other = image(see(hand, noise_mm=0.05), "hand")
