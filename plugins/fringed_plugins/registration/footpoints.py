@@ -19,7 +19,7 @@ from fringed_plugins.registration.transforms import FloatArray, turned
 Array = npt.NDArray[Any]
 WALKS = 2
 LONGEST_WALK_PX = 12
-_SAMPLES = 4000
+_SAMPLES = 400  # more wake the threads of BLAS, which then take the cores from what comes next
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,9 @@ from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray
 
 
+SPLIT = 3000
+
+
 @dataclass(frozen=True)
 class Matches:
     """For each asked point the index of its reference point and their distance in mm."""
@@ -41,5 +44,6 @@ class ClosestPoint:
 
     def __call__(self, points: npt.NDArray[Any], T_reference_model: FloatArray) -> Matches:
         """Return the closest reference point of each of `points` (n, 3)."""
-        distance, index = self.reference.tree.query(points, workers=self.threads)
+        threads = self.threads if len(points) >= SPLIT else 1  # threads cost more than they save on few points
+        distance, index = self.reference.tree.query(points, workers=threads)
         return Matches(index, distance)

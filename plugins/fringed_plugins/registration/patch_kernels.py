@@ -12,49 +12,86 @@ import numpy as np
 from numba import njit, prange
 
 Array = np.ndarray[Any, Any]
+ROWS = 16  # of one band
 MOST_STEPS = 5
 NEAR = 0.6  # of a pixel: half would let a foot on the edge walk to and fro
 FACING_COS = 0.7
 SUMS = 29  # 21 of H's upper triangle, 6 of the gradient, weights, weighted squares
 
 
+@njit(cache=True, fastmath=True)
+def _moments(flat: Array, row: int, half: int, down: Array, across: Array) -> None:
+    """Fill `across` (6, width x 3) with sums of f, u f, v f, u^2 f, u v f, v^2 f over windows of one row.
+
+    `flat` (height, width x 3); first down the columns, into `down` (3, width x 3), then along the row.
+    """
+    down[:] = 0
+    across[:] = 0
+    d0, d1, d2 = down[0], down[1], down[2]
+    for v in range(-half, half + 1):
+        w, w2 = np.float32(v), np.float32(v * v)
+        line = flat[row + v]
+        for j in range(line.size):
+            d0[j] += line[j]
+            d1[j] += w * line[j]
+            d2[j] += w2 * line[j]
+    inner = d0.size - 6 * half
+    for u in range(-half, half + 1):
+        w, w2, first = np.float32(u), np.float32(u * u), 3 * (half + u)
+        a, b, c = d0[first : first + inner], d1[first : first + inner], d2[first : first + inner]
+        out = across[:, 3 * half : 3 * half + inner]
+        m00, m10, m01, m20, m11, m02 = out[0], out[1], out[2], out[3], out[4], out[5]
+        for j in range(inner):
+            m00[j] += a[j]
+            m10[j] += w * a[j]
+            m20[j] += w2 * a[j]
+        for j in range(inner):
+            m01[j] += b[j]
+            m11[j] += w * b[j]
+            m02[j] += c[j]
+
+
 @njit(cache=True, parallel=True)
-def build(moments: Array, w: Array, usable: Array, table: Array) -> None:
-    """Fill `table` (height, width, 15) from the windows' moments (6, height, width, 3) where `usable`."""
+def build(xyz: Array, half: int, w: Array, usable: Array, table: Array) -> None:
+    """Fill `table` (height, width, 15) from windows of 2 half + 1 pixels where `usable`; `w` see `patches.quadratic`."""
     height, width = usable.shape
-    m00, m10, m01, m20, m11, m02 = moments[0], moments[1], moments[2], moments[3], moments[4], moments[5]
+    flat = xyz.reshape(height, 3 * width)
     w0, w1, w2 = np.float32(w[0]), np.float32(w[1]), np.float32(w[2])
     a0, a1, a2 = np.float32(2 * w[3]), np.float32(2 * w[4]), np.float32(2 * w[5])
     b0, b1, b2 = np.float32(2 * w[6]), np.float32(2 * w[7]), np.float32(2 * w[8])
     slope, twist = np.float32(w[9]), np.float32(w[10])
-    for r in prange(height):
+    for band in prange((height + ROWS - 1) // ROWS):
         x = np.empty(18, np.float32)
-        for c in range(width):
-            if not usable[r, c]:
-                continue
-            for k in range(3):
-                p, q, s = m00[r, c, k], m20[r, c, k], m02[r, c, k]
-                x[k] = w0 * p + w1 * q + w2 * s
-                x[3 + k] = slope * m10[r, c, k]
-                x[6 + k] = slope * m01[r, c, k]
-                x[9 + k] = a0 * p + a1 * q + a2 * s
-                x[12 + k] = twist * m11[r, c, k]
-                x[15 + k] = b0 * p + b1 * q + b2 * s
-            # rows x columns points towards the sensor
-            nx = x[7] * x[5] - x[8] * x[4]
-            ny = x[8] * x[3] - x[6] * x[5]
-            nz = x[6] * x[4] - x[7] * x[3]
-            length = sqrt(nx * nx + ny * ny + nz * nz)
-            if length <= 0:
-                usable[r, c] = False
-                continue
-            nx, ny, nz = nx / length, ny / length, nz / length
-            for k in range(9):
-                table[r, c, k] = x[k]
-            table[r, c, 9], table[r, c, 10], table[r, c, 11] = nx, ny, nz
-            table[r, c, 12] = x[9] * nx + x[10] * ny + x[11] * nz
-            table[r, c, 13] = x[12] * nx + x[13] * ny + x[14] * nz
-            table[r, c, 14] = x[15] * nx + x[16] * ny + x[17] * nz
+        down, across = np.empty((3, 3 * width), np.float32), np.empty((6, 3 * width), np.float32)
+        for r in range(max(half, band * ROWS), min(height - half, (band + 1) * ROWS)):
+            _moments(flat, r, half, down, across)
+            for c in range(half, width - half):
+                if not usable[r, c]:
+                    continue
+                for k in range(3):
+                    j = 3 * c + k
+                    p, q, s = across[0, j], across[3, j], across[5, j]
+                    x[k] = w0 * p + w1 * q + w2 * s
+                    x[3 + k] = slope * across[1, j]
+                    x[6 + k] = slope * across[2, j]
+                    x[9 + k] = a0 * p + a1 * q + a2 * s
+                    x[12 + k] = twist * across[4, j]
+                    x[15 + k] = b0 * p + b1 * q + b2 * s
+                # rows x columns points towards the sensor
+                nx = x[7] * x[5] - x[8] * x[4]
+                ny = x[8] * x[3] - x[6] * x[5]
+                nz = x[6] * x[4] - x[7] * x[3]
+                length = sqrt(nx * nx + ny * ny + nz * nz)
+                if length <= 0:
+                    usable[r, c] = False
+                    continue
+                nx, ny, nz = nx / length, ny / length, nz / length
+                for k in range(9):
+                    table[r, c, k] = x[k]
+                table[r, c, 9], table[r, c, 10], table[r, c, 11] = nx, ny, nz
+                table[r, c, 12] = x[9] * nx + x[10] * ny + x[11] * nz
+                table[r, c, 13] = x[12] * nx + x[13] * ny + x[14] * nz
+                table[r, c, 14] = x[15] * nx + x[16] * ny + x[17] * nz
 
 
 @njit(cache=True, inline="always")

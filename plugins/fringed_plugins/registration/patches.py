@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -23,7 +22,7 @@ from fringed_plugins.registration.transforms import FloatArray
 Array = npt.NDArray[Any]
 WINDOWS_PX = (7, 5, 3)
 TRUNCATED = 0.5  # a window is too large whose fit misses its middle by more than this many noises
-_SAMPLE_ROWS = 24
+_SAMPLES = 4000
 
 
 @dataclass(frozen=True)
@@ -77,14 +76,15 @@ def patches(surface: Surface, window_px: int | None = None) -> Patches:
     """
     whole, filled = healed(surface.xyz, surface.valid)
     for window in (window_px,) if window_px else WINDOWS_PX:
-        assert window is not None
-        if window_px or window == WINDOWS_PX[-1] or _smooth_over(surface, whole, filled, window):
-            break
-    usable = complete(filled, window) & surface.valid
-    if not usable.any():
-        raise ValueError(f"the {surface.name} has no complete window of {window} pixels: its valid region is too torn")
-    table = table_of(whole, usable, window)
-    return Patches(surface, table, usable, fit_projection(surface), window, quadratic(window)[1])
+        usable = complete(filled, window) & surface.valid
+        if not usable.any():
+            continue
+        table = table_of(whole, usable, window)
+        if window == WINDOWS_PX[-1] or window_px or _smooth_over(surface, table, usable, window):
+            return Patches(surface, table, usable, fit_projection(surface), window, quadratic(window)[1])
+    raise ValueError(
+        f"the {surface.name} has no complete window of {window_px or WINDOWS_PX[-1]} pixels: its valid region is too torn"
+    )
 
 
 def table_of(xyz: Array, usable: BoolArray, window_px: int) -> Array:
@@ -93,7 +93,7 @@ def table_of(xyz: Array, usable: BoolArray, window_px: int) -> Array:
     A pixel without a tangent plane (coincident points) becomes unusable, in place.
     """
     table = np.empty((*usable.shape, 15), np.float32)
-    build(moments(xyz, window_px), quadratic(window_px)[0], usable, table)
+    build(np.ascontiguousarray(xyz, np.float32), window_px // 2, quadratic(window_px)[0], usable, table)
     return table
 
 
@@ -127,33 +127,12 @@ def curvature_noise(patches: FloatArray, noise: float, window_px: int) -> FloatA
     return np.stack([one, one], axis=1)
 
 
-def moments(xyz: Array, window_px: int) -> Array:
-    """Return sums of f, u f, v f, u^2 f, u v f, v^2 f over each pixel's window, (6, height, width, 3) float32."""
-    u = np.arange(window_px, dtype=np.float32) - window_px // 2
-    one = np.ones(window_px, np.float32)
-    pairs = ((one, one), (u, one), (one, u), (u * u, one), (u, u), (one, u * u))
-    out = np.empty((6, *xyz.shape), np.float32)
-    for k, (a, b) in enumerate(pairs):
-        cv2.sepFilter2D(xyz, -1, a, b, dst=out[k], borderType=cv2.BORDER_REPLICATE)
-    return out
-
-
-def _smooth_over(surface: Surface, xyz: Array, filled: BoolArray, window_px: int) -> bool:
-    """Tell whether the quadratic of a window meets the point in its middle within the noise."""
-    ok = complete(filled, window_px) & surface.valid
-    full = np.flatnonzero(ok.any(1))
-    if full.size == 0:
-        return False
-    weights, gain = quadratic(window_px)
-    half = window_px // 2
-    off = []
-    for row in full[:: max(1, full.size // _SAMPLE_ROWS)]:
-        band = xyz[row - half : row + half + 1]
-        sums = moments(band, window_px)[:, half]
-        fitted = weights[0] * sums[0] + weights[1] * sums[3] + weights[2] * sums[5]
-        off.append((fitted - band[half])[ok[row]])
-    missed = np.concatenate(off)
-    scale = 1.4826 * float(np.median(np.sqrt((missed**2).sum(1))))
-    # three coordinates of a median length: noise is along the ray alone, the rest is what the window cuts
-    noise = surface.noise_mm * np.sqrt(max(1 - gain, 0.0))
+def _smooth_over(surface: Surface, table: Array, usable: BoolArray, window_px: int) -> bool:
+    """Tell whether the quadratics of windows meet the points in their middles within the noise."""
+    at = np.flatnonzero(usable)
+    at = at[:: max(1, at.size // _SAMPLES)]
+    missed = table.reshape(-1, 15)[at, :3] - surface.xyz.reshape(-1, 3)[at]
+    scale = 1.4826 * float(np.median(np.sqrt(np.einsum("ij,ij->i", missed, missed))))
+    # noise is along the ray alone, so that the length has one degree of freedom; the rest is what the window cuts
+    noise = surface.noise_mm * np.sqrt(max(1 - quadratic(window_px)[1], 0.0))
     return bool(scale < (1 + TRUNCATED) * max(noise, 1e-5 * surface.spacing_mm))

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from fringed_plugins.registration.normals import BoolArray, complete, healed, normals
+from fringed_plugins.registration.surface_kernels import centre, finite
 from fringed_plugins.registration.transforms import FloatArray
 
 if TYPE_CHECKING:
@@ -139,7 +140,8 @@ def prepare(xyz_mm: Array, rejected: Array | None = None, sigma_mm: Array | None
     for what, array in (("rejected", rejected), ("sigma_mm", sigma_mm)):
         if array is not None and array.shape != xyz_mm.shape[:2]:
             raise ValueError(f"{what} of the {name} has shape {array.shape}; its points have {xyz_mm.shape[:2]}")
-    valid = np.isfinite(xyz_mm.sum(axis=2))
+    valid = np.empty(xyz_mm.shape[:2], np.bool_)
+    finite(xyz_mm, valid)
     if rejected is not None:
         valid &= rejected == 0
     if sigma_mm is not None:
@@ -159,24 +161,31 @@ def _require_points(name: str, count: int, total: int) -> None:
 def _cleaned(xyz_mm: Array, valid: BoolArray, sigma_mm: Array | None, name: str) -> Surface:
     rows, columns = np.flatnonzero(valid.any(1)), np.flatnonzero(valid.any(0))
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    valid = valid[box].copy()
-    origin = np.median(xyz_mm[box][valid][:: max(1, int(valid.sum()) // 20000)].astype(np.float64), axis=0)
-    xyz = np.where(valid[..., None], xyz_mm[box] - origin.astype(xyz_mm.dtype), 0).astype(np.float32)
+    valid, given = np.ascontiguousarray(valid[box]), xyz_mm[box]
+    at = _some(valid, 10_000)
+    origin = np.median(given[at // valid.shape[1], at % valid.shape[1]].astype(np.float64), axis=0)
     origin = origin.astype(xyz_mm.dtype).astype(np.float64)
-    spacing = _resolution(xyz, valid)
+    spacing = _resolution(given, valid)
     if not spacing > 0:
         raise ValueError(f"the {name}: {NO_RESOLUTION}")
-    _drop_jumps(xyz, valid, JUMP * spacing)
-    _require_points(f"{name}, depth jumps removed,", int(valid.sum()), valid.size)
-    inside = xyz[valid][:: max(1, int(valid.sum()) // 50000)].astype(np.float64)
-    spread = np.linalg.svd(inside - inside.mean(0), compute_uv=False)
+    xyz = np.empty(given.shape, np.float32)
+    count = centre(given, valid, origin, JUMP * spacing, xyz)
+    _require_points(f"{name}, depth jumps removed,", count, valid.size)
+    inside = xyz.reshape(-1, 3)[_some(valid, 10_000)].astype(np.float64)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(inside.T))[::-1], 0.0) * len(inside))
     if spread[1] < 1e-4 * spread[0] or spread[1] < spacing:
         raise ValueError(f"the points of the {name} lie on one line; a registration needs a surface")
-    diagonal = float(np.linalg.norm(np.percentile(inside, 99, axis=0) - np.percentile(inside, 1, axis=0)))
+    low, high = np.percentile(inside, (1, 99), axis=0)
     sigma = None if sigma_mm is None else sigma_mm[box].astype(np.float32)
-    noise = _noise(xyz, valid) if sigma is None else float(np.median(sigma[valid]))
+    noise = _noise(xyz, valid) if sigma is None else float(np.median(sigma.reshape(-1)[_some(valid, 50_000)]))
     corner = (int(rows[0]), int(columns[0]))
-    return Surface(name, xyz, valid, sigma, origin, corner, spacing, noise, diagonal)
+    return Surface(name, xyz, valid, sigma, origin, corner, spacing, noise, float(np.linalg.norm(high - low)))
+
+
+def _some(valid: BoolArray, most: int) -> npt.NDArray[np.intp]:
+    """Return the flat indices of at most about `most` valid pixels, spread evenly."""
+    at = np.flatnonzero(valid)
+    return at[:: max(1, at.size // most)]
 
 
 def _resolution(xyz: Array, valid: BoolArray) -> float:
@@ -185,8 +194,11 @@ def _resolution(xyz: Array, valid: BoolArray) -> float:
     both = valid[::step, 1:] & valid[::step, :-1]
     if not both.any():
         return 0.0
-    apart = (xyz[::step, 1:] - xyz[::step, :-1])[both]
-    return float(np.median(np.sqrt((apart.astype(np.float64) ** 2).sum(1))))
+    rows, columns = np.nonzero(both)
+    few = max(1, rows.size // 20_000)
+    rows, columns = rows[::few] * step, columns[::few]
+    apart = xyz[rows, columns + 1].astype(np.float64) - xyz[rows, columns]
+    return float(np.median(np.sqrt(np.einsum("ij,ij->i", apart, apart))))
 
 
 def _noise(xyz: Array, valid: BoolArray) -> float:
@@ -194,19 +206,8 @@ def _noise(xyz: Array, valid: BoolArray) -> float:
     step = max(1, xyz.shape[1] // 400)
     z, ok = xyz[:, ::step, 2], valid[:, ::step]
     four = ok[:-3] & ok[1:-2] & ok[2:-1] & ok[3:]
-    third = (z[3:] - 3 * z[2:-1] + 3 * z[1:-2] - z[:-3])[four]
+    third = (z[3:] - 3 * z[2:-1] + 3 * z[1:-2] - z[:-3]).reshape(-1)[_some(four, 30_000)]
     return float(1.4826 * np.median(np.abs(third)) / np.sqrt(20.0)) if third.size else 0.0
-
-
-def _drop_jumps(xyz: Array, valid: BoolArray, limit_mm: float) -> None:
-    """Make both sides of every depth jump invalid, in place."""
-    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        apart = xyz[a] - xyz[b]
-        far = (np.einsum("ijk,ijk->ij", apart, apart) > limit_mm**2) & valid[a] & valid[b]
-        far_rows, far_columns = np.nonzero(far)
-        valid[a][far_rows, far_columns] = False
-        valid[b][far_rows, far_columns] = False
-    xyz[~valid] = 0
 
 
 def _build_level(surface: Surface, step: int) -> Level:
