@@ -125,7 +125,8 @@ def case(degrees, noise_mm, overlap):
     said = f"{degrees:2d} deg, noise {noise_mm:g} mm, overlap {overlap}, {len(clouds[0]):,} points"
     print(
         f"{'PASS' if right else 'MISS'}  {said}: {spent['ours']:.2f} s, {rms['ours'][0]:.5f} deg, "
-        f"{rms['ours'][1]:.5f} mm (at most {SECONDS:g} s, {most[0]:.5f} deg, {most[1]:.5f} mm{', 1.5 x Cramer-Rao' if noise_mm else ''})"
+        f"{rms['ours'][1]:.5f} mm (at most {SECONDS:g} s, {most[0]:.5f} deg, {most[1]:.5f} mm"
+        f"{', 1.5 x Cramer-Rao' if noise_mm else ''})"
     )
     for name in PEERS:
         ratios = f"{spent[name] / spent['ours']:5.1f} x the time, {rms[name][1] / rms['ours'][1]:8.1f} x the error"

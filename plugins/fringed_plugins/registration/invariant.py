@@ -26,7 +26,7 @@ FACING_COS = 0.0
 LEAST_PAIRS = 20
 KEPT = 0.8  # of the pairs, the nearest: Zhang's limit would let the features decide too early
 SLOW = 0.8  # of the positional error's square, at most, that one iteration may believe in
-STILL = 0.02  # of the resolution
+STILL = 0.5  # of the resolution
 
 
 @dataclass(frozen=True)

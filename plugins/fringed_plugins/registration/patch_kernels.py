@@ -53,7 +53,7 @@ def _moments(flat: Array, row: int, half: int, down: Array, across: Array) -> No
 
 @njit(cache=True, parallel=True)
 def build(xyz: Array, half: int, w: Array, usable: Array, table: Array) -> None:
-    """Fill `table` (height, width, 15) from windows of 2 half + 1 pixels where `usable`; `w` see `patches.quadratic`."""
+    """Fill `table` (height, width, 15) from windows of 2 half + 1 pixels where `usable`; `w` is a `quadratic`'s."""
     height, width = usable.shape
     flat = xyz.reshape(height, 3 * width)
     w0, w1, w2 = np.float32(w[0]), np.float32(w[1]), np.float32(w[2])

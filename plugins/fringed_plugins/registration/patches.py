@@ -83,7 +83,8 @@ def patches(surface: Surface, window_px: int | None = None) -> Patches:
         if window == WINDOWS_PX[-1] or window_px or _smooth_over(surface, table, usable, window):
             return Patches(surface, table, usable, fit_projection(surface), window, quadratic(window)[1])
     raise ValueError(
-        f"the {surface.name} has no complete window of {window_px or WINDOWS_PX[-1]} pixels: its valid region is too torn"
+        f"the {surface.name} has no complete window of {window_px or WINDOWS_PX[-1]} pixels: its valid region is too "
+        "torn"
     )
 
 

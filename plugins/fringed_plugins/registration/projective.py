@@ -22,6 +22,7 @@ from fringed_plugins.registration.transforms import FloatArray, orthonormal
 
 MIN_FEET = 60
 STILL = 0.02  # of the motion's own standard error
+SWING = 0.2  # the same for three motions in a row: feet at the rim come and go
 ITERATIONS = 12
 EXACT = 1e-7  # of the extent: motions below are rounding
 
@@ -61,6 +62,7 @@ def refine(
     both = _Pairing(reference, samples, _variance_at(model, pixels, samples[:, 3:]))
     history: list[Iteration] = []
     stopped, settled = f"{iterations} iterations without standing still", False
+    swings = 0
     state: tuple[Array, FloatArray, float] | None = None
     for _ in range(iterations):
         made = both.normal_equations(T)
@@ -83,7 +85,8 @@ def refine(
         tell(history[-1])
         errors = np.sqrt(max(float(small @ H @ small), 0.0) / 6 / stands_for)
         tiny = float(np.linalg.norm(small[:3])) * reference.surface.diagonal_mm + float(np.linalg.norm(small[3:]))
-        if errors < STILL or tiny < EXACT * reference.surface.diagonal_mm:
+        swings = swings + 1 if errors < SWING else 0
+        if errors < STILL or swings == 3 or tiny < EXACT * reference.surface.diagonal_mm:
             stopped, settled = "the motion fell below its own uncertainty", True
             break
     covariance = None if state is None else _covariance(state[0], both, model, stands_for)

@@ -16,13 +16,17 @@ from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
 from fringed_plugins.registration.starts import principal_axes, turns
-from fringed_plugins.registration.surface import Level, Surface
+from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, checked, translation
 from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verify
 
 UNITS_RATIO = 20.0
 GUESS_POINTS = 2500
 COARSE_POINTS = 2500
+FEW_POINTS = 1800
+FEW_ITERATIONS = 25
+FEW_SLACK = 3.0  # few points miss the surface between them
+FEW_STILL = 1e-2  # of the resolution: more points go on from there
 COARSE_ITERATIONS = 25
 
 
@@ -126,10 +130,21 @@ class _Medium:
     report: Report
 
     def run(self, T: FloatArray) -> _Reached:
-        p, q = self._levels()
-        outcome = iterate(p, q, T, ClosestPoint(p, self.options.threads), self.options.medium, self._tell)
+        """Return where a start leads: on few points at first, on more of them unless those refute it."""
+        wish = self.options
+        few = replace(wish.medium, iterations=min(FEW_ITERATIONS, wish.medium.iterations), still=FEW_STILL)
+        loose = replace(wish.limits, slack=FEW_SLACK)
+        reached = self._on(min(FEW_POINTS, wish.medium_points), T, few, loose)
+        if reached.verdict.fault and wish.medium_points > FEW_POINTS:
+            return reached
+        more = self._on(wish.medium_points, reached.T_reference_model, wish.medium, wish.limits)
+        return replace(more, history=reached.history + more.history)
+
+    def _on(self, points: int, T: FloatArray, settings: Settings, limits: Limits) -> _Reached:
+        p, q = self.reference.level(points), self.model.level(points)
+        outcome = iterate(p, q, T, ClosestPoint(p, self.options.threads), settings, self._tell)
         self.report(0.8, "medium: verifying")
-        verdict = self._verdict(outcome.T_reference_model)
+        verdict = self._verdict(outcome.T_reference_model, points, limits)
         return _Reached(outcome.T_reference_model, verdict, outcome.stopped, outcome.settled, outcome.history)
 
     def refined(self, reached: _Reached) -> _Reached:
@@ -146,18 +161,15 @@ class _Medium:
         history = reached.history + fine.history
         if not fine.settled:
             return replace(reached, settled=False, stopped=fine.stopped, history=history)
-        verdict = self._verdict(fine.T_reference_model)
+        verdict = self._verdict(fine.T_reference_model, wish.medium_points, wish.limits)
         if not verdict.fault:
             verdict = replace(verdict, covariance=fine.covariance)
         return _Reached(fine.T_reference_model, verdict, fine.stopped, True, history)
 
-    def _levels(self) -> tuple[Level, Level]:
-        return self.reference.level(self.options.medium_points), self.model.level(self.options.medium_points)
-
-    def _verdict(self, T: FloatArray) -> Verdict:
-        p, q = self._levels()
+    def _verdict(self, T: FloatArray, points: int, limits: Limits) -> Verdict:
+        p, q = self.reference.level(points), self.model.level(points)
         diagonal = min(self.reference.diagonal_mm, self.model.diagonal_mm)
-        return verify(p, q, T, self.options.limits, ClosestPoint(p, self.options.threads), diagonal)
+        return verify(p, q, T, limits, ClosestPoint(p, self.options.threads), diagonal)
 
     def _tell(self, made: Iteration) -> None:
         self.report(0.7, f"{made.stage}: {made.rms_mm:.4g} mm RMS over {made.pairs} pairs")

@@ -40,19 +40,16 @@ def centre(xyz: Array, valid: Array, origin: Array, limit: float, out: Array) ->
     jump = np.zeros((height, width), np.bool_)
     for r in range(height):
         for c in range(width):
-            if not valid[r, c]:
-                continue
-            if c + 1 < width and valid[r, c + 1] and _apart(out, r, c, r, c + 1) > limit * limit:
-                jump[r, c] = jump[r, c + 1] = True
-            if r + 1 < height and valid[r + 1, c] and _apart(out, r, c, r + 1, c) > limit * limit:
-                jump[r, c] = jump[r + 1, c] = True
+            for r2, c2 in ((r, c + 1), (r + 1, c)):
+                inside = r2 < height and c2 < width and valid[r, c]
+                if inside and valid[r2, c2] and _apart(out, r, c, r2, c2) > limit * limit:
+                    jump[r, c] = jump[r2, c2] = True
     count = 0
     for r in range(height):
         for c in range(width):
             if jump[r, c]:
                 valid[r, c] = False
-                for k in range(3):
-                    out[r, c, k] = 0.0
+                out[r, c] = 0.0
             count += valid[r, c]
     return count
 

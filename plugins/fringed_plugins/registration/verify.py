@@ -27,10 +27,14 @@ OF_DIAGONAL = 1e-3
 
 @dataclass(frozen=True)
 class Limits:
-    """What a believable result keeps; `max_rms_mm` 0 takes 5 x the noise or 0.1 % of the diagonal."""
+    """What a believable result keeps; `max_rms_mm` 0 takes 5 x the noise or 0.1 % of the diagonal.
+
+    `slack` multiplies the residual that is allowed.
+    """
 
     min_overlap: float = 0.2
     max_rms_mm: float = 0.0
+    slack: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ def verify(
         found = f"only {len(pairs)} of {pairs.asked} model points meet the reference"
         return Verdict(f"{found}: the views do not overlap", float("nan"), len(pairs) / max(pairs.asked, 1), None)
     noise = float(np.sqrt(np.median(pairs.variance_mm2)))
-    allowed = limits.max_rms_mm or max(NOISES * noise, OF_DIAGONAL * diagonal_mm)
+    allowed = limits.slack * (limits.max_rms_mm or max(NOISES * noise, OF_DIAGONAL * diagonal_mm))
     near = np.linalg.norm(pairs.points - pairs.partners, axis=1) < NEAR * reference.spacing_mm
     inlier = near & (np.abs(pairs.residual_mm) < max(3 * allowed, NOISES * noise))
     rms = _rms(pairs, inlier)
