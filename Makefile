@@ -3,9 +3,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 OUTPUT ?= demo-output
+REPRODUCED ?= reproduced
 BIN := $(VENV)/bin
 
-.PHONY: install demo test check unit bench pictures packages dev clean
+.PHONY: install demo test check unit bench reproduce pictures packages dev clean
 
 install: $(VENV)/.installed  ## the station in its own environment
 
@@ -25,6 +26,9 @@ unit: dev  ## the tests alone
 
 bench: $(VENV)/.bench  ## every figure, printed beside what it has to reach
 	$(BIN)/python tests/bench/run.py
+
+reproduce: dev  ## the registration experiments of the thesis, its tables beside ours
+	$(BIN)/python tests/bench/reproduce.py --output $(REPRODUCED)
 
 pictures: dev  ## every picture of the documentation, drawn again
 	@for script in $$(ls tools/pictures/*.py | grep -v shrink.py); do \

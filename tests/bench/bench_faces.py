@@ -138,9 +138,8 @@ def case(degrees, noise_mm, overlap):
     rivals = [spent[name] for name in PEERS if name != FAST_ONLY and rms[name][0] < RIGHT_DEG]
     fastest = min(rivals, default=np.inf)
     if not (best and spent["ours"] <= fastest):
-        print(
-            f"INFO    not won: {'' if best else 'a peer is more exact; '}ours {spent['ours']:.3f} s, theirs {fastest:.3f} s"
-        )
+        why = "" if best else "a peer is more exact; "
+        print(f"INFO    not won: {why}ours {spent['ours']:.3f} s, theirs {fastest:.3f} s")
     return best and spent["ours"] <= fastest
 
 

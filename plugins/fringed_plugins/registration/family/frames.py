@@ -16,11 +16,14 @@ from scipy.spatial import cKDTree
 from fringed_plugins.registration.footpoints import fit_projection
 from fringed_plugins.registration.invariant import principal
 from fringed_plugins.registration.normals import BoolArray, complete, healed
-from fringed_plugins.registration.patches import curvature_noise, table_of
+from fringed_plugins.registration.patches import Array, curvature_noise, table_of
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray
 
 Index = npt.NDArray[np.intp]
+WINDOWS_PX = (7, 11, 15, 21)
+LEAST_WHOLE = 200
+CERTAIN = 1 / 6  # noise of a curvature in units of its spread: more would say nothing of who belongs to whom
 FEATURE_FLOOR = 0.02  # of the features' spread: no curvature repeats better between two samplings
 
 
@@ -75,11 +78,12 @@ class Frame:
         return replace(self, features=np.where(whole[:, None], features, 0.0), whole=whole)
 
 
-def frame_of(surface: Surface, most_points: int | None = None, window_px: int = 7) -> Frame:
+def frame_of(surface: Surface, most_points: int | None = None, window_px: int | None = None) -> Frame:
     """Return the frame of a range image, of block means where it has more than `most_points`.
 
     Features are the principal curvatures (k1, k2), valid on whole windows only, divided by their noise (Sharp, Lee,
-    Wehe 2002), which is that of the points or a small part of the curvatures' spread, whichever is more.
+    Wehe 2002), which is that of the points or a small part of the curvatures' spread, whichever is more. Without a
+    `window_px` the smallest of 7, 11, 15 and 21 is taken in which noise is less than a sixth of the spread.
 
     Raises
     ------
@@ -88,19 +92,13 @@ def frame_of(surface: Surface, most_points: int | None = None, window_px: int = 
     """
     thin = surface if most_points is None else surface.thinned(most_points)
     xyz, filled = healed(thin.xyz, thin.valid)
-    usable = complete(filled, window_px) & thin.valid
-    if not usable.any():
-        raise ValueError(f"the {surface.name} has no complete window of {window_px} pixels: its valid region is torn")
-    table = table_of(xyz, usable, window_px)
     valid = thin.valid
-    points = thin.xyz[valid].astype(np.float64)
+    sigma = np.full(int(valid.sum()), thin.noise_mm) if thin.sigma is None else thin.sigma[valid].astype(np.float64)
+    usable, patch, features = _curvatures(xyz, filled, valid, float(np.median(sigma)), window_px)
     whole = usable[valid]
-    patch = np.where(whole[:, None], table[valid], 0.0).astype(np.float64)
-    features = np.zeros((len(points), 2))
-    features[whole] = principal(patch[whole])
-    sigma = np.full(len(points), thin.noise_mm) if thin.sigma is None else thin.sigma[valid].astype(np.float64)
-    noise = curvature_noise(patch[whole], float(np.median(sigma)), window_px)
-    features[whole] /= np.maximum(noise, FEATURE_FLOOR * _spread(features[whole]))
+    if not whole.any():
+        raise ValueError(f"the {surface.name} has no complete window of {window_px or WINDOWS_PX[0]} pixels: too torn")
+    points = thin.xyz[valid].astype(np.float64)
     pixel = np.full(valid.shape, -1, np.intp)
     pixel[valid] = np.arange(len(points))
     rays = points + surface.origin
@@ -110,6 +108,31 @@ def frame_of(surface: Surface, most_points: int | None = None, window_px: int = 
         points, patch[:, 9:12], features, whole, boundary, rim, sigma, rays, thin.spacing_mm, surface.origin, pixel,
         fit_projection(thin), surface.name,
     )  # fmt: skip
+
+
+def _curvatures(
+    xyz: Array, filled: BoolArray, valid: BoolArray, noise: float, window_px: int | None
+) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Return where windows are whole (height, width), patches (n, 15) and features (n, 2) of valid points."""
+    kept: tuple[BoolArray, FloatArray, FloatArray] | None = None
+    for window in (window_px,) if window_px else WINDOWS_PX:
+        usable = complete(filled, window) & valid
+        if int(usable.sum()) < LEAST_WHOLE and kept is not None:
+            break
+        table = table_of(xyz, usable, window)
+        whole = usable[valid]
+        patch = np.where(whole[:, None], table[valid], 0.0).astype(np.float64)
+        features = np.zeros((len(whole), 2))
+        if whole.any():
+            features[whole] = principal(patch[whole])
+            of_noise, spread = curvature_noise(patch[whole], noise, window), _spread(features[whole])
+            features[whole] /= np.maximum(of_noise, FEATURE_FLOOR * spread)
+            kept = usable, patch, features
+            if float(np.median(of_noise / spread)) < CERTAIN:
+                break
+        kept = kept or (usable, patch, features)
+    assert kept is not None  # there is a window at least
+    return kept
 
 
 def _spread(features: FloatArray) -> FloatArray:

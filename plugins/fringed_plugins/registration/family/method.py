@@ -209,7 +209,7 @@ class _Loop:
             went = self._record(pairs, limit, alpha, after, error)
             self.report(min(0.99, number / iterations), f"{run.method.name}: {error:.4g} RMS of {len(pairs)} pairs")
             if run.method.match.by_features:
-                alpha = float(np.sqrt(error**2 / 3))
+                alpha = min(alpha, float(np.sqrt(error**2 / 3)))  # features that mislead must not gain weight by it
             plain, before = after, self.T
             self.T = self.memory(before, after, error)
             lately = [made.rms_mm for made in self.history[-stop.patience :]]
