@@ -125,9 +125,8 @@ EXPERIMENTS = {
 def run(experiment):
     """Print one experiment's table and return {method: (MSE of each iteration)}."""
     print(f"\n{experiment.title}")
-    print(
-        f"  {'method':24s} {'translation':>12s} {'rotation':>10s} {'iterations':>10s} {'seconds':>8s}  MSE 0.01, 0.005, 0.002"
-    )
+    heads = ("translation", "rotation", "iterations", "seconds")
+    print("  {:24s} {:>12s} {:>10s} {:>10s} {:>8s}  MSE 0.01, 0.005, 0.002".format("method", *heads))
     surfaces = prepare(experiment.reference), prepare(experiment.model)
     frames = [frame_of(one) for one in surfaces]
     curves = {}
