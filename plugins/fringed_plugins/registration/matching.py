@@ -15,7 +15,6 @@ import numpy.typing as npt
 from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray
 
-
 SPLIT = 3000
 
 

@@ -25,6 +25,7 @@ STILL = 0.02  # of the motion's own standard error
 SWING = 0.2  # the same for three motions in a row: feet at the rim come and go
 ITERATIONS = 12
 EXACT = 1e-7  # of the extent: motions below are rounding
+STALLED = 1e-5  # of the extent: motions below that no longer shrink, where noise is none
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def refine(
     both = _Pairing(reference, samples, _variance_at(model, pixels, samples[:, 3:]))
     history: list[Iteration] = []
     stopped, settled = f"{iterations} iterations without standing still", False
-    swings = 0
+    swings, last = 0, float("inf")
     state: tuple[Array, FloatArray, float] | None = None
     for _ in range(iterations):
         made = both.normal_equations(T)
@@ -86,7 +87,8 @@ def refine(
         errors = np.sqrt(max(float(small @ H @ small), 0.0) / 6 / stands_for)
         tiny = float(np.linalg.norm(small[:3])) * reference.surface.diagonal_mm + float(np.linalg.norm(small[3:]))
         swings = swings + 1 if errors < SWING else 0
-        if errors < STILL or swings == 3 or tiny < EXACT * reference.surface.diagonal_mm:
+        stalled, last = tiny > 0.5 * last and tiny < STALLED * reference.surface.diagonal_mm, tiny
+        if errors < STILL or swings == 3 or stalled or tiny < EXACT * reference.surface.diagonal_mm:
             stopped, settled = "the motion fell below its own uncertainty", True
             break
     covariance = None if state is None else _covariance(state[0], both, model, stands_for)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from fringed_plugins.registration.coarse import tournament
 from fringed_plugins.registration.icp import Settings, iterate
 from fringed_plugins.registration.invariant import curved, draw_near
@@ -21,6 +23,7 @@ from fringed_plugins.registration.transforms import FloatArray, checked, transla
 from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verify
 
 UNITS_RATIO = 20.0
+ONE_SIDED = 0.9
 GUESS_POINTS = 2500
 COARSE_POINTS = 2500
 FEW_POINTS = 1800
@@ -180,8 +183,23 @@ def _alignment(reference: Surface, model: Surface, reached: _Reached) -> Alignme
     fault = verdict.fault or ("" if reached.settled else f"stopped after {reached.stopped}")
     covariance = None if verdict.covariance is None else in_frame(verdict.covariance, reference.origin)
     full = translation(reference.origin) @ reached.T_reference_model @ translation(-model.origin)
-    reason = fault or reached.stopped
+    reason = (fault + _mirrored(reference, model)) if fault else reached.stopped
     return Alignment(full, not fault, reason, verdict.rms_mm, verdict.overlap, covariance, reached.history)
+
+
+def _mirrored(reference: Surface, model: Surface) -> str:
+    """Return what to say where one view's normals face the sensor and the other's face away from it."""
+    sides = []
+    for surface in (reference, model):
+        points, normals, _ = surface.level(GUESS_POINTS).inner()
+        sides.append(float(np.sign(np.einsum("ij,ij->i", points + surface.origin, normals)).mean()))
+    if min(map(abs, sides)) < ONE_SIDED or sides[0] * sides[1] > 0:
+        return ""
+    away = max((reference, model), key=lambda surface: sides[0] if surface is reference else sides[1])
+    return (
+        f"; the normals of the {away.name} face away from the sensor: it is mirrored, or its rows run upwards or its "
+        "columns to the left"
+    )
 
 
 def require_same_units(reference: Surface, model: Surface) -> None:
