@@ -82,11 +82,12 @@ def kiss_then_gicp(reference, model, start=None):
     """KISS-Matcher's global alignment, then GICP; it takes no start."""
     import kiss_matcher
 
-    size = _extent(reference)
-    config = kiss_matcher.KISSMatcherConfig(size / 100)
-    found = kiss_matcher.KISSMatcher(config).estimate(model.astype(np.float32), reference.astype(np.float32))
+    scale = 100.0 / _extent(reference)  # its voxels have a least size in whatever unit
+    config = kiss_matcher.KISSMatcherConfig(1.0)
+    clouds = [(scale * cloud).astype(np.float32) for cloud in (model, reference)]
+    found = kiss_matcher.KISSMatcher(config).estimate(*clouds)
     T = np.eye(4)
-    T[:3, :3], T[:3, 3] = np.array(found.rotation), np.array(found.translation).reshape(3)
+    T[:3, :3], T[:3, 3] = np.array(found.rotation), np.array(found.translation).reshape(3) / scale
     return small_gicp_two_calls(reference, model, T)
 
 
