@@ -63,7 +63,7 @@ class Artist:
 
     def model(self, model: Model, states: list[ScanState], folder: Path) -> dict[str, Any]:
         """Draw a model; returns its figures, its registrations' errors, and its pictures by name."""
-        from fringed_client.pictures import charts, views
+        from fringed_client.pictures import convergence, views
 
         began = time.perf_counter()
         truths = [self._get(last_product(state, "Truth")) for state in states]
@@ -80,7 +80,7 @@ class Artist:
                 [views.Painted(points, normals, error * 1000, "model against the true surface")],
                 "distance / µm", simulated=True,
             ),
-            "convergence": charts.draw_convergence(folder / "convergence.png", model.registrations, True),
+            "convergence": convergence.draw_convergence(folder / "convergence.png", model.registrations, True),
         }  # fmt: skip
         self.seconds += time.perf_counter() - began
         return {

@@ -1,18 +1,16 @@
-"""Charts: convergence of a registration, errors against the truth with their distribution.
+"""Charts: errors against the truth with their distribution.
 
 Owns how errors are shown; computes none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
-from fringed.data import Array, Registration
+from fringed.data import Array
 from fringed_client.pictures.figures import (
     ACCENT,
     FAINT,
@@ -25,44 +23,6 @@ from fringed_client.pictures.figures import (
     thinned,
     titled,
 )
-
-_COLOURS = ("#2e6f95", "#b3541e", "#4c8c5a", "#7d5ba6", "#a68a2d")
-
-
-def draw_convergence(path: Path, registrations: Sequence[Registration], simulated: bool) -> Path:
-    """Draw the RMS distance of each iteration, one line for each registration, and how each one ended."""
-    drawn = figure(7.6, 4.2)
-    axes = drawn.add_subplot()
-    for number, registration in enumerate(registrations):
-        rms = [record.rms_mm for record in registration.history]
-        end = "converged" if registration.converged else "NOT converged"
-        label = (
-            f"view {number + 2} → 1: {end}; at the end {registration.overlap:.0%} overlap, "
-            f"{registration.rms_mm:.3f} mm RMS over all of it"
-        )
-        colour = _COLOURS[number % len(_COLOURS)]
-        axes.plot(range(1, len(rms) + 1), rms, marker="o", markersize=3.5, linewidth=1.4, color=colour, label=label)
-        _mark_stages(axes, registration, colour)
-    every = [record.rms_mm for registration in registrations for record in registration.history]
-    if every and max(every) > 5 * max(min(every), 1e-9):
-        axes.set_yscale("log")
-    axes.grid(True, which="both", linewidth=0.3, color="#d9d9d4")
-    axes.legend(fontsize=8, frameon=False)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    titled(axes, "convergence of the registration", simulated)
-    labelled(axes, "iteration", "RMS distance of the iteration's pairs / mm")
-    return save(drawn, path)
-
-
-def _mark_stages(axes: Any, registration: Registration, colour: str) -> None:
-    previous = ""
-    for index, record in enumerate(registration.history):
-        if record.stage and record.stage != previous:
-            axes.annotate(
-                record.stage, (index + 1, record.rms_mm), textcoords="offset points", xytext=(4, 5), fontsize=7,
-                color=colour,
-            )  # fmt: skip
-            previous = record.stage
 
 
 def draw_error_map(path: Path, error_mm: Array, sigma_mm: Array | None, title: str, simulated: bool) -> Path:

@@ -20,6 +20,8 @@ INK = "#2b2b2b"
 ACCENT = "#b3541e"
 FAINT = "#8a8a86"
 PAPER = "#fafaf8"
+# Okabe & Ito (2008), without yellow: lines that a colour-blind person tells apart.
+APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#2b2b2b")
 
 
 def figure(width_in: float, height_in: float) -> Figure:

@@ -1,6 +1,6 @@
 """All the pictures that suit an object, and the one that tells most.
 
-Owns the choice; the drawing is in `maps`, `views` and `charts`.
+Owns the choice; the drawing is in the modules beside it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from fringed.data import (
     Verification,
 )
 from fringed.errors import UsageError
-from fringed_client.pictures import boards, calibration, charts, maps, verification, views
+from fringed_client.pictures import boards, calibration, convergence, maps, verification, views
 
 DRAWN = "FrameSet, PhaseMap, BoardView, Calibration, Verification, RangeImage, Model, Registration and Truth"
 
@@ -56,7 +56,7 @@ def draw_all(content: Any, folder: Path) -> list[Path]:
         drawn = list(views.draw_views(folder, content).values())
         if content.registrations:
             path = folder / "convergence.png"
-            drawn.append(charts.draw_convergence(path, content.registrations, content.provenance.simulated))
+            drawn.append(convergence.draw_convergence(path, content.registrations, content.provenance.simulated))
         return drawn
     if isinstance(content, Calibration):
         return calibration.draw_all(content, folder)
@@ -79,7 +79,7 @@ def draw_main(content: Any, path: Path) -> Path:
         Calibration: lambda: calibration.draw_calibration(path, content),
         Verification: lambda: verification.draw_verification(path, content),
         Model: lambda: views.draw_view(path, content, "oblique"),
-        Registration: lambda: charts.draw_convergence(path, [content], content.provenance.simulated),
+        Registration: lambda: convergence.draw_convergence(path, [content], content.provenance.simulated),
         Truth: lambda: maps.draw_map(
             path, content.xyz_mm[..., 2], "truth", "z / mm", colours="viridis_r", simulated=True
         ),
