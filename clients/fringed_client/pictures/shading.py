@@ -7,6 +7,7 @@ neither holes nor speckle, and lit by three lights.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, radians, sin
 
@@ -56,8 +57,17 @@ VIEWS = {
 
 
 @dataclass(frozen=True)
+class Window:
+    """The box of a view that is drawn, `low` and `high` (3,) along its axes, and how large a pixel is in it."""
+
+    low: Array
+    high: Array
+    pixel_mm: float
+
+
+@dataclass(frozen=True)
 class Rendering:
-    """A picture, what it covers, and the value of each pixel where values were given.
+    """A picture, what it covers, and the value of each pixel where values were given: (h, w) or (h, w, k).
 
     `extent_mm` is (left, right, bottom, top) along the view's own axes, as matplotlib wants it.
     """
@@ -68,10 +78,29 @@ class Rendering:
     values: Float32Array | None = None
 
 
+def window_of(clouds: Sequence[Array], view: View, width_px: int) -> Window:
+    """Return what holds all clouds (n, 3) of points in a view, `width_px` along the longer side or less if sparse."""
+    seen = [np.asarray(cloud, np.float32) @ view.matrix.T for cloud in clouds if len(cloud)]
+    if not seen:
+        return Window(np.zeros(3), np.ones(3), 1.0 / width_px)
+    limits = [_limits(one) for one in seen]
+    low, high = np.min([one[0] for one in limits], axis=0), np.max([one[1] for one in limits], axis=0)
+    finest = max(float(np.max((high - low)[:2])), 1e-6) / width_px
+    return Window(low, high, max(finest, *(_spacing_mm(one, *both) for one, both in zip(seen, limits, strict=True))))
+
+
 def render_points(
-    points_mm: Array, normals: Array, view: View, width_px: int = 900, values: Array | None = None
+    points_mm: Array,
+    normals: Array,
+    view: View,
+    width_px: int = 900,
+    values: Array | None = None,
+    window: Window | None = None,
 ) -> Rendering:
-    """Render points (n, 3) with unit normals (n, 3); `values` (n,) are averaged for each pixel."""
+    """Render points (n, 3) with unit normals (n, 3); `values` (n,) or (n, k) are averaged for each pixel.
+
+    A `window` makes pictures of several surfaces fit over each other.
+    """
     step = max(1, len(points_mm) // MOST_POINTS)
     points_mm, normals, values = points_mm[::step], normals[::step], None if values is None else values[::step]
     matrix = view.matrix
@@ -82,14 +111,26 @@ def render_points(
     values = None if values is None else np.asarray(values, np.float32)[front]
     if len(seen) < 3:
         return Rendering(np.full((width_px // 2, width_px, 3), 250, np.uint8), (0, 1, 1, 0), np.zeros((1, 1), bool))
-    low, high = _limits(seen)
-    pixel_mm = max(float(np.max((high - low)[:2])) / width_px, _spacing_mm(seen, low, high))
+    if window is None:
+        low, high = _limits(seen)
+        pixel_mm = max(float(np.max((high - low)[:2])) / width_px, _spacing_mm(seen, low, high))
+    else:
+        low, high, pixel_mm = window.low, window.high, window.pixel_mm
     size = np.ceil((high - low)[:2] / pixel_mm).astype(int) + 1
     sums, weight = _splat(seen, facing, values, (low, pixel_mm, size))
     picture, covered = _light(sums, weight)
     extent = (low[0], low[0] + size[0] * pixel_mm, low[1] + size[1] * pixel_mm, low[1])
-    mean = None if values is None else np.where(covered, sums[..., 3] / np.maximum(weight, 1e-6), np.nan)
+    mean = None
+    if values is not None:
+        mean = np.where(covered[..., None], _means(sums[..., 3:], weight), np.nan)
+        mean = mean[..., 0] if values.ndim == 1 else mean
     return _scaled(picture, covered, mean, width_px, tuple(float(e) for e in extent))  # type: ignore[arg-type]
+
+
+def tinted(rgb: UInt8Array, colour: Array) -> Float32Array:
+    """Return a rendering's light (h, w, 3) in other colours, (3,) or (h, w, 3) from 0 to 1."""
+    light = rgb.mean(axis=2, keepdims=True, dtype=np.float32) / 255.0
+    return np.asarray(np.clip(colour * (0.45 + 0.6 * light), 0, 1), np.float32)
 
 
 def _limits(seen: Array) -> tuple[Array, Array]:
@@ -121,11 +162,20 @@ def _splat(
     visible = seen[:, 2] < near[index] + max(SKIN_MM, 3 * pixel_mm)
     index, channels = index[visible], [facing[visible, axis] for axis in range(3)]
     if values is not None:
-        channels.append(values[visible])
+        channels.extend(values[visible].reshape(len(index), -1).T)
     sums = np.stack([np.bincount(index, c, width * height) for c in channels], axis=1).astype(np.float32)
     count = np.bincount(index, minlength=width * height).astype(np.float32)
     blurred = cv2.GaussianBlur(sums.reshape(height, width, -1), (5, 5), 1.1)
     return np.atleast_3d(blurred), np.asarray(cv2.GaussianBlur(count.reshape(height, width), (5, 5), 1.1))
+
+
+def _means(sums: Float32Array, weight: Float32Array) -> Float32Array:
+    """Return sums over weights (h, w, k); in pixels between the points, that of what is around."""
+    wide = np.atleast_3d(cv2.GaussianBlur(sums, (9, 9), 2.5)), cv2.GaussianBlur(weight, (9, 9), 2.5)
+    few = (weight < 0.01)[..., None]
+    inside = sums / np.maximum(weight, 1e-6)[..., None]
+    around = wide[0] / np.maximum(wide[1], 1e-6)[..., None]
+    return np.asarray(np.where(few, around, inside), np.float32)
 
 
 def _light(sums: Float32Array, weight: Float32Array) -> tuple[Float32Array, Array]:

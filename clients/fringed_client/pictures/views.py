@@ -18,7 +18,7 @@ from matplotlib.colors import Normalize
 from fringed.data import Array, Model, RangeImage
 from fringed_client.pictures.figures import INK, colour_bar, figure, labelled, limits, save, titled
 from fringed_client.pictures.geometry import cloud_of
-from fringed_client.pictures.shading import PAPER, VIEWS, Rendering, View, render_points
+from fringed_client.pictures.shading import PAPER, VIEWS, Rendering, View, render_points, tinted
 
 _NAMES = {"x-y": "X–Y, from the camera", "y-z": "Y–Z, from the side", "x-z": "X–Z, from above", "oblique": "oblique"}
 NARROW_PX = 330
@@ -58,12 +58,13 @@ def _draw_rendering(path: Path, rendering: Rendering, view: View, simulated: boo
     height, width = rendering.rgb.shape[:2]
     drawn = figure(width / 110 + 1.0, height / 110 + 0.95)
     axes = drawn.add_subplot()
-    _show(axes, rendering, view)
+    show(axes, rendering, view)
     titled(axes, _NAMES.get(view.name, view.name), simulated, narrow=width < NARROW_PX)
     return save(drawn, path)
 
 
-def _show(axes: Any, rendering: Rendering, view: View) -> None:
+def show(axes: Any, rendering: Rendering, view: View) -> None:
+    """Show a rendering with axes in mm, or with a scale bar where the view is along none."""
     left, right, bottom, top = rendering.extent_mm
     across, down = sum(view.right), sum(view.down)
     if view.right_label:
@@ -118,7 +119,7 @@ def draw_painted(
     aspects = [picture.rgb.shape[1] / picture.rgb.shape[0] for picture in shown]
     panels = drawn.subplots(1, len(shown), squeeze=False, width_ratios=aspects)[0]  # of one height
     for axes, picture, surface in zip(panels, shown, surfaces, strict=True):
-        _show(axes, picture, VIEWS[view])
+        show(axes, picture, VIEWS[view])
         titled(axes, surface.title, simulated, narrow=len(shown) > 1)
     colour_bar(drawn, ScalarMappable(norm, colours), panels, label, "both" if signed else "max")
     return save(drawn, path)
@@ -126,9 +127,7 @@ def draw_painted(
 
 def _painted(rendering: Rendering, norm: Normalize, colours: Any) -> Rendering:
     assert rendering.values is not None
-    light = rendering.rgb.mean(axis=2, keepdims=True) / 255.0
     colour = colours(norm(np.nan_to_num(rendering.values)))[..., :3]
-    shown = np.where(
-        (rendering.covered & np.isfinite(rendering.values))[..., None], colour * (0.45 + 0.6 * light), PAPER
-    )
-    return Rendering((np.clip(shown, 0, 1) * 255).astype(np.uint8), rendering.extent_mm, rendering.covered)
+    known = rendering.covered & np.isfinite(rendering.values)
+    shown = np.where(known[..., None], tinted(rendering.rgb, colour), PAPER)
+    return Rendering((shown * 255).astype(np.uint8), rendering.extent_mm, rendering.covered)
