@@ -82,7 +82,7 @@ def ours(pairs, grids, clouds, poses, start):
             wrong.append(name)
         elif not found.converged:
             refused.append(name)
-    said = f"{right} of {len(pairs)} right, {len(refused)} honestly not converged, {len(wrong)} wrong and called good (0)"
+    said = f"{right} of {len(pairs)} right, {len(refused)} honestly not converged, {len(wrong)} wrong called good (0)"
     print(f"{'PASS' if not wrong else 'MISS'}  bunny, {start}: {said}; {np.median(seconds):.2f} s a pair")
     for what, names in (("not converged", refused), ("WRONG", wrong)):
         if names:

@@ -132,8 +132,8 @@ def _foot(
 
 
 @njit(cache=True, inline="always")
-def _normal(t: Array, du: float, dv: float) -> tuple[float, float, float, float]:
-    """Return the unit normal of a patch at (du, dv) by Weingarten's equations, and its cosine to the middle's."""
+def _normal(t: Array, du: float, dv: float) -> tuple[float, float, float, float, float]:
+    """Return the unit normal of a patch at (du, dv) by Weingarten's equations, its cosine to the middle's, the area."""
     E = t[3] * t[3] + t[4] * t[4] + t[5] * t[5]
     F = t[3] * t[6] + t[4] * t[7] + t[5] * t[8]
     G = t[6] * t[6] + t[7] * t[7] + t[8] * t[8]
@@ -144,12 +144,12 @@ def _normal(t: Array, du: float, dv: float) -> tuple[float, float, float, float]
     ny = t[10] - a * t[4] - b * t[7]
     nz = t[11] - a * t[5] - b * t[8]
     scale = 1.0 / sqrt(nx * nx + ny * ny + nz * nz)
-    return nx * scale, ny * scale, nz * scale, (nx * t[9] + ny * t[10] + nz * t[11]) * scale
+    return nx * scale, ny * scale, nz * scale, (nx * t[9] + ny * t[10] + nz * t[11]) * scale, sqrt(det)
 
 
 @njit(cache=True, parallel=True)
 def walk(model: Array, transforms: Array, table: Array, usable: Array, found: Array, out: Array) -> None:
-    """Find the foot of each moved point: `found` its flat pixel or -1, `out` (n, 7) point, normal, distance.
+    """Find the foot of each moved point: `found` its flat pixel or -1, `out` (n, 8) point, normal, distance, area.
 
     `model` (n, 6) points and normals; `transforms` (7, 4) the motion's four rows and the projection's three.
     Projects, then walks in the tangent plane until the foot lies within a pixel.
@@ -173,7 +173,7 @@ def walk(model: Array, transforms: Array, table: Array, usable: Array, found: Ar
         if r < 0:
             continue
         t = table[r, c]
-        nx, ny, nz, cosine = _normal(t, du, dv)
+        nx, ny, nz, cosine, area = _normal(t, du, dv)
         facing = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
         facing += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
         facing += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
@@ -184,14 +184,15 @@ def walk(model: Array, transforms: Array, table: Array, usable: Array, found: Ar
         found[i] = r * width + c
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
         out[i, 3], out[i, 4], out[i, 5] = nx, ny, nz
+        out[i, 7] = area
         out[i, 6] = d / cosine  # along the foot's normal; `d` is along that of the patch's middle
 
 
 @njit(cache=True)
 def accumulate(found: Array, rows: Array, variance: Array, scale: float, more: float, sums: Array) -> None:
-    """Add up Tukey-weighted normal equations of `rows` (n, 7); `sums` (29,) see SUMS.
+    """Add up Tukey-weighted normal equations of `rows` (n, 8); `sums` (29,) see SUMS.
 
-    A weight is 1 / (variance + `more`); residuals beyond 4.685 x `scale` x the pair's own share have none.
+    A weight is 1 / (variance + `more`); residuals beyond 4.685 x `scale` have none.
     """
     for i in range(len(found)):
         if found[i] < 0:

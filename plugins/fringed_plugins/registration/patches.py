@@ -43,7 +43,7 @@ class Patches:
     gain: float
 
     def sample(self, most_points: int) -> tuple[FloatArray, Array, float]:
-        """Return smoothed points with normals (n, 6), their flat pixels (n,), and how many points each stands for.
+        """Return smoothed points, normals, a pixel's area (n, 7), flat pixels (n,), and how many points each stands for.
 
         Every s-th column and row; while s is at most half the window no point is lost.
         """
@@ -52,7 +52,11 @@ class Patches:
         rows, columns = rows * s + s // 2, columns * s + s // 2
         chosen = self.table[rows, columns]
         pixels = rows * self.usable.shape[1] + columns
-        return chosen[:, [0, 1, 2, 9, 10, 11]].astype(np.float64), pixels, float(s * s)
+        out = np.empty((len(chosen), 7))
+        out[:, :3], out[:, 3:6] = chosen[:, :3], chosen[:, 9:12]
+        across = chosen[:, [4, 5, 3]] * chosen[:, [8, 6, 7]] - chosen[:, [5, 3, 4]] * chosen[:, [7, 8, 6]]
+        out[:, 6] = np.sqrt(np.einsum("ij,ij->i", across, across))
+        return out, pixels, float(s * s)
 
 
 def patches(surface: Surface, window_px: int | None = None) -> Patches:

@@ -25,7 +25,7 @@ STILL = 0.02  # of the motion's own standard error
 SWING = 0.2  # the same for three motions in a row: feet at the rim come and go
 ITERATIONS = 12
 EXACT = 1e-7  # of the extent: motions below are rounding
-STALLED = 1e-5  # of the extent: motions below that no longer shrink, where noise is none
+STALLED = 2e-6  # of the extent: motions below that no longer shrink, where noise is none
 
 
 @dataclass(frozen=True)
@@ -60,18 +60,18 @@ def refine(
     loop converges quadratically.
     """
     samples, pixels, stands_for = model.sample(most_points)
-    both = _Pairing(reference, samples, _variance_at(model, pixels, samples[:, 3:]))
+    both = _Pairing(reference, samples, _variance_at(model, pixels, samples[:, 3:6]))
     history: list[Iteration] = []
     stopped, settled = f"{iterations} iterations without standing still", False
     swings, last = 0, float("inf")
-    state: tuple[Array, FloatArray, float] | None = None
+    state: FloatArray | None = None
     for _ in range(iterations):
         made = both.normal_equations(T)
         if made is None:
             stopped = f"fewer than {MIN_FEET} of {len(samples)} points have a foot on the reference"
             break
         H, g, scale, count, rms = made
-        state = (H, g, scale)
+        state = H
         try:
             small = -np.linalg.solve(H, g)
         except np.linalg.LinAlgError:
@@ -84,14 +84,14 @@ def refine(
             )
         )
         tell(history[-1])
-        errors = np.sqrt(max(float(small @ H @ small), 0.0) / 6 / stands_for)
+        errors = np.sqrt(max(float(small @ H @ small), 0.0) * stands_for / 6)
         tiny = float(np.linalg.norm(small[:3])) * reference.surface.diagonal_mm + float(np.linalg.norm(small[3:]))
         swings = swings + 1 if errors < SWING else 0
         stalled, last = tiny > 0.5 * last and tiny < STALLED * reference.surface.diagonal_mm, tiny
         if errors < STILL or swings == 3 or stalled or tiny < EXACT * reference.surface.diagonal_mm:
             stopped, settled = "the motion fell below its own uncertainty", True
             break
-    covariance = None if state is None else _covariance(state[0], both, model, stands_for)
+    covariance = None if state is None else _covariance(state, stands_for)
     rms = history[-1].rms_mm if history else float("nan")
     return Feet(T, covariance, settled, stopped, rms, both.expected_mm, tuple(history))
 
@@ -113,7 +113,7 @@ class _Pairing:
     def __init__(self, reference: Patches, samples: FloatArray, variance: FloatArray) -> None:
         self.reference, self.samples, self.own = reference, samples, variance
         self.found = np.empty(len(samples), np.int64)
-        self.rows = np.empty((len(samples), 7), np.float64)
+        self.rows = np.empty((len(samples), 8), np.float64)
         self.expected_mm = float("nan")
 
     def normal_equations(self, T: FloatArray) -> tuple[FloatArray, FloatArray, float, int, float] | None:
@@ -123,15 +123,16 @@ class _Pairing:
         met = np.flatnonzero(self.found >= 0)
         if len(met) < MIN_FEET:
             return None
-        variance = np.full(len(self.samples), np.inf)
-        other = _variance_at(fixed, self.found[met], self.rows[met, 3:6])
-        variance[met] = fixed.gain * (self.own[met] + other)
-        expected2 = float(np.median(variance[met]))
-        self.expected_mm = float(np.sqrt(expected2))
         residual = self.rows[met, 6]
-        scale = max(mad_scale(residual), 1e-9 * self.reference.surface.spacing_mm)
+        own, other = self.own[met], _variance_at(fixed, self.found[met], self.rows[met, 3:6])
+        expected2 = fixed.gain * float(np.median(own + other))
+        self.expected_mm = float(np.sqrt(expected2))
+        scale = max(mad_scale(residual), 1e-9 * fixed.surface.spacing_mm)
+        # a point of the reference meets as many of the model's as lie in its area
+        variance = np.full(len(self.samples), np.inf)
+        variance[met] = own + other * (self.rows[met, 7] / self.samples[met, 6])
         # what noise does not explain adds the same variance to every pair
-        more = max(scale**2 - expected2, 0.0)
+        more = max(scale**2 - expected2, 0.0) / fixed.gain
         sums = np.zeros(SUMS)
         accumulate(self.found, self.rows, variance, scale, more + 1e-30, sums)
         H = np.zeros((6, 6))
@@ -141,22 +142,15 @@ class _Pairing:
         return H, sums[21:27].copy(), scale, len(met), rms
 
 
-def _covariance(H: FloatArray, pairs: _Pairing, model: Patches, stands_for: float) -> FloatArray | None:
-    """Return the covariance of the motion: each smoothed point stands for the points around it, not for itself.
+def _covariance(H: FloatArray, stands_for: float) -> FloatArray | None:
+    """Return the covariance of the motion: a smoothed point stands for the points around it, not for itself.
 
-    H counts every sample with the variance of a smoothed point, gain x sigma^2; neighbours share their points, so
-    that `stands_for` points of variance sigma^2 are what a sample is worth.
+    H counts every sample once, with the variance of single points; neighbours share their points, so that
+    `stands_for` of them are what a sample is worth.
     """
     try:
         inverse = np.linalg.inv(H)
     except np.linalg.LinAlgError:
         return None
-    worth = pairs.reference.gain * stands_for
-    denser = (pairs.reference.surface.spacing_mm / model.surface.spacing_mm) ** 2
-    # per unit of area: sigma_q^2 / density_q + sigma_p^2 / density_p, against sigma_q^2 + sigma_p^2 of a pair
-    met = pairs.found >= 0
-    own = float(np.median(pairs.own[met]))
-    total = (pairs.expected_mm**2) / pairs.reference.gain
-    shared = (own + (total - own) * denser) / total if total > 0 else 1.0
-    covariance = np.asarray(inverse * shared / worth, np.float64)
+    covariance = np.asarray(inverse / stands_for, np.float64)
     return 0.5 * (covariance + covariance.T)

@@ -77,8 +77,15 @@ def test_feet_are_at_the_distance_that_was_given():
     rng = np.random.default_rng(3)
     off = rng.uniform(-1.5, 1.5, len(rows))
     away = points[rows, columns] + off[:, None] * out - found.surface.origin
-    index, made = np.empty(len(rows), np.int64), np.empty((len(rows), 7))
-    walk(np.hstack([away, out]), np.vstack([np.eye(4), found.projection]), found.table, found.usable, index, made)
+    index, made = np.empty(len(rows), np.int64), np.empty((len(rows), 8))
+    walk(
+        np.hstack([away, out, np.ones((len(rows), 1))]),
+        np.vstack([np.eye(4), found.projection]),
+        found.table,
+        found.usable,
+        index,
+        made,
+    )
     assert (index == rows * 121 + columns).all()
     assert made[:, 6] == pytest.approx(off, abs=3e-4)
     assert np.abs(made[:, 3:6] - out).max() < 1e-3
@@ -87,7 +94,7 @@ def test_feet_are_at_the_distance_that_was_given():
 def test_points_beside_the_surface_have_no_foot():
     found = patches(prepare(ball()), 7)
     beside = np.array([[100.0, 0, 0, 0, 0, -1], [0, 0, 5000.0, 0, 0, -1], [0, 0, 0, 0, 0, 1.0]])
-    index, made = np.empty(3, np.int64), np.empty((3, 7))
+    index, made = np.empty(3, np.int64), np.empty((3, 8))
     walk(beside, np.vstack([np.eye(4), found.projection]), found.table, found.usable, index, made)
     assert index[0] == -1 and index[2] == -1  # outside; facing away
 
@@ -137,7 +144,7 @@ def test_last_stage_converges_quadratically_from_two_resolutions(clean):
     exact = translation(-sides[0].surface.origin) @ truth @ translation(sides[1].surface.origin)
     made = refine(sides[0], sides[1], rigid(rotation([0.01, -0.01, 0.02]), [1.5, -1.0, 2.0]) @ exact, lambda _: None)
     steps = [one.rotation_rad for one in made.history]
-    assert made.settled and len(steps) <= 9
+    assert made.settled and steps[1] < 0.05 * steps[0] and steps[2] < 0.1 * steps[1]
     assert np.degrees(rotation_angle(np.linalg.inv(exact) @ made.T_reference_model)) < 1e-3
 
 
