@@ -165,5 +165,5 @@ def _colour(number: int) -> str:
     return APART[number % len(APART)]
 
 
-def _style(number: int) -> str:
+def _style(number: int) -> Any:
     return _STYLES[number // len(APART) % len(_STYLES)]

@@ -66,7 +66,7 @@ def colour_bar(drawn: Figure, image: Any, axes: Any, label: str, extend: str = "
 def save(drawn: Figure, path: Path, colours: int | None = None) -> Path:
     """Write the figure as PNG (or what the name's ending says) and return its path.
 
-    A PNG of at most 256 `colours` is a third as large: for shaded surfaces, which have no fine gradients to lose.
+    A PNG of at most 256 `colours` is a third as large.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if colours is not None and path.suffix == ".png":

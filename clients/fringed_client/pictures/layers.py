@@ -67,8 +67,10 @@ def grid_of(image: RangeImage) -> tuple[Array, Array]:
     return np.asarray(xyz[chosen], np.float64), np.asarray(normals[chosen], np.float64)
 
 
-def composed(layers: Sequence[Layer], view: View, width_px: int, window: Window | None = None) -> Rendering:
-    """Render layers together: each pixel shows the layer that is nearest there."""
+def composed(
+    layers: Sequence[Layer], view: View, width_px: int, window: Window | None = None, flat: float = 0.0
+) -> Rendering:
+    """Render layers together: each pixel shows the nearest layer; `flat` 1 leaves no shade."""
     window = window or window_of([layer.points_mm for layer in layers], view, width_px)
     picture: Array | None = None
     for layer in layers:
@@ -84,7 +86,7 @@ def composed(layers: Sequence[Layer], view: View, width_px: int, window: Window 
             extent = one.extent_mm
         ahead = one.covered & (one.values[..., 3] < nearest)  # false where NaN
         nearest[ahead] = one.values[..., 3][ahead]
-        picture[ahead] = tinted(one.rgb, np.nan_to_num(one.values[..., :3]))[ahead]
+        picture[ahead] = tinted(one.rgb, np.nan_to_num(one.values[..., :3]), flat)[ahead]
     if picture is None:
         return render_points(np.zeros((0, 3)), np.zeros((0, 3)), view, width_px)
     return Rendering((picture * 255 + 0.5).astype(np.uint8), extent, np.isfinite(nearest))

@@ -13,17 +13,20 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize, to_rgb
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize, to_hex, to_rgb
+from matplotlib.patches import Patch
 
 from fringed.data import Array, RangeImage, Registration
-from fringed_client.pictures.figures import DPI, FAINT, INK, colour_bar, figure, save, titled
-from fringed_client.pictures.layers import Layer, composed, draw_layers, layer_of
+from fringed_client.pictures.figures import DPI, FAINT, INK, PAPER, colour_bar, figure, labelled, save, titled
+from fringed_client.pictures.layers import Layer, composed, draw_layers, layer_of, moved
 from fringed_client.pictures.partners import partners_of
 from fringed_client.pictures.shading import VIEWS
 from fringed_client.pictures.views import show
 
-REFERENCE, MODEL, UNMATCHED = to_rgb("#4f9fdc"), to_rgb("#f0a028"), "#9a9a94"
-MAP_PX = 520
+REFERENCE, MODEL, UNMATCHED = to_rgb("#4f9fdc"), to_rgb("#f0a028"), "#6e6e69"
+MAP_PX, PAIR_PX = 520, 900
+GAP = 0.2  # between the views, of the wider one
 
 
 def draw_registration(
@@ -36,8 +39,9 @@ def draw_registration(
     fixed, moving = layer_of(reference, np.array(REFERENCE)), layer_of(model, np.array(MODEL))
     rows = {"before": [fixed, moving]} if before else {}
     rows["after"] = [fixed, moving.moved(registration.T_reference_model)]
-    legend = {f"reference {reference.id}".strip(): REFERENCE, f"model {model.id}".strip(): MODEL}
-    return draw_layers(path, rows, list(VIEWS.values()), _told(registration), legend, _simulated(reference, model))
+    told = _told(registration)
+    simulated = _simulated(reference, model)
+    return draw_layers(path, rows, list(VIEWS.values()), told, _legend(reference, model), simulated)
 
 
 def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registration: Registration) -> Path:
@@ -55,7 +59,7 @@ def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registr
         found.partner[:, None], colours(norm(np.nan_to_num(found.distance_mm) * factor))[:, :3], to_rgb(UNMATCHED)
     )
     view = VIEWS["x-y"]
-    picture = composed([Layer(found.points_mm, found.normals, painted)], view, MAP_PX)
+    picture = composed([Layer(found.points_mm, found.normals, painted)], view, MAP_PX, flat=0.4)
     height, width = picture.rgb.shape[:2]
     drawn = figure(width / DPI + 5.2, max(height / DPI, 3.2) + 1.2)
     left, right = drawn.subplots(1, 2, width_ratios=(width / DPI + 1.0, 3.6))
@@ -64,16 +68,87 @@ def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registr
     colour_bar(drawn, ScalarMappable(norm, colours), left, f"distance, towards the camera positive / {unit}", "both")
     _distribution(right, away * factor, top * factor, unit)
     share = len(away) / max(len(found.partner), 1)
-    right.set_xlabel(f"distance / {unit}\n\n" + _statistics(away, share, top, factor, unit), fontsize=9, color=INK)
+    labelled(right, f"distance / {unit}", "")
+    right.text(0, -0.15, _statistics(away, share, top, factor, unit), transform=right.transAxes, va="top", fontsize=9,
+               color=INK, linespacing=1.35)  # fmt: skip
+    if share < 1:
+        grey = Patch(facecolor=UNMATCHED, label=f"no partner: {len(found.partner) - len(away):,} points")
+        left.legend(handles=[grey], loc="upper left", bbox_to_anchor=(0, -0.12), fontsize=8.5, frameon=False,
+                    labelcolor=INK, borderaxespad=0)  # fmt: skip
     drawn.suptitle(_told(registration, 90), x=0.012, ha="left", fontsize=10.5, color=INK)
     return save(drawn, path, 240)
 
 
+def draw_correspondences(
+    path: Path,
+    reference: RangeImage,
+    model: RangeImage,
+    registration: Registration,
+    start: Array | None = None,
+    most: int = 150,
+) -> Path:
+    """Draw lines between matched points: at most `most` points of the model and the reference's nearest to each.
+
+    They are nearest after the registration; the model is shown where it started, `start` (4, 4) or as recorded, and
+    put aside to the right. Lines that cross or jump tell of wrong matches.
+    """
+    found = partners_of(reference, model, registration.T_reference_model)
+    fixed, moving = layer_of(reference, _pale(REFERENCE)), layer_of(model, _pale(MODEL))
+    view = VIEWS["x-y"]
+    before = np.eye(4) if start is None else np.asarray(start, np.float64)
+    back = _aside(fixed, moving.moved(before)) @ before
+    matched = np.flatnonzero(found.partner)
+    chosen = np.random.default_rng(0).choice(matched, min(most, len(matched)), replace=False)
+    ends = found.nearest_mm[chosen]
+    starts = moved(found.points_mm[chosen], back @ np.linalg.inv(registration.T_reference_model))
+    picture = composed([fixed, moving.moved(back)], view, PAIR_PX)
+    height, width = picture.rgb.shape[:2]
+    drawn = figure(width / DPI + 0.8, height / DPI + 1.1)
+    axes = drawn.add_subplot()
+    show(axes, picture, view)
+    order = np.argsort(ends[:, 1])
+    lines = LineCollection(
+        [line[:, :2] for line in np.stack([ends, starts], axis=1)[order]], linewidths=0.8,
+        colors=colormaps["plasma"](np.linspace(0, 0.66, max(len(order), 1))),
+    )  # fmt: skip
+    axes.add_collection(lines, autolim=False)
+    for points in (ends, starts):
+        axes.plot(*points[:, :2].T, "o", color=INK, markersize=1.8, linestyle="none")
+    titled(axes, f"{len(chosen):,} of {len(matched):,} matched points, {_ended(registration)}", False)
+    labelled(axes, "x / mm (the model is moved aside)", "y / mm")
+    _signed(drawn, axes, reference, model)
+    return save(drawn, path, 240)
+
+
+def _aside(fixed: Layer, moving: Layer) -> Array:
+    """Return the shift along x that puts one layer to the right of another."""
+    low, high = (np.percentile(layer.points_mm[:, 0], (0.1, 99.9)) for layer in (fixed, moving))
+    T = np.eye(4)
+    T[0, 3] = low[1] - high[0] + GAP * max(low[1] - low[0], high[1] - high[0])
+    return T
+
+
+def _pale(colour: tuple[float, float, float]) -> Array:
+    return np.asarray(0.45 * np.array(colour) + 0.55)
+
+
+def _signed(drawn: Any, axes: Any, reference: RangeImage, model: RangeImage) -> None:
+    """Say which colour is which view, and that a rig was simulated."""
+    names = {name: _pale(colour) for name, colour in _legend(reference, model).items()}
+    marks = [Patch(edgecolor=FAINT, linewidth=0.4, facecolor=to_hex(c), label=n) for n, c in names.items()]
+    drawn.legend(handles=marks, loc="outside lower left", fontsize=8.5, frameon=False, labelcolor=INK, ncols=2)
+    titled(axes, axes.get_title("left"), _simulated(reference, model))
+
+
+def _legend(reference: RangeImage, model: RangeImage) -> dict[str, Any]:
+    return {f"reference {reference.id}".strip(): REFERENCE, f"model {model.id}".strip(): MODEL}
+
+
 def _limit(away: Array) -> float:
-    """Return 1, 2 or 5 times a power of ten that 98 % of the distances are within."""
+    """Return a round number that 98 % of the distances are within."""
     top = float(np.percentile(np.abs(away), 98)) if len(away) else 1.0
     power = 10.0 ** np.floor(np.log10(max(top, 1e-9)))
-    return float(power * min(digit for digit in (1, 2, 5, 10) if digit * power >= 0.999 * top))
+    return float(power * min(digit for digit in (1, 1.5, 2, 3, 5, 7, 10) if digit * power >= 0.999 * top))
 
 
 def _distribution(axes: Any, away: Array, top: float, unit: str) -> None:
@@ -84,12 +159,13 @@ def _distribution(axes: Any, away: Array, top: float, unit: str) -> None:
     axes.axvline(0, color=FAINT, linewidth=0.6)
     axes.set_xlim(-top, top)
     axes.set_yticks([])
+    axes.set_facecolor(PAPER)
     titled(axes, "how many points", False)
 
 
 def _statistics(away: Array, share: float, top: float, factor: float, unit: str) -> str:
     """Return RMS, median, robust spread and what is not shown, in words."""
-    told = f"{len(away):,} points, {share:.1%} of the model's, have a partner"
+    told = f"{len(away):,} points have a partner, {share:.1%} of the model's"
     if not len(away):
         return told
     middle = float(np.median(away))
@@ -97,15 +173,18 @@ def _statistics(away: Array, share: float, top: float, factor: float, unit: str)
     rms = float(np.sqrt(np.mean(away**2)))
     beyond = float(np.mean(np.abs(away) > top))
     return (
-        f"{told}\nRMS {rms * factor:.3g} {unit}\nmedian {middle * factor:+.3g} {unit}\n"
-        f"robust spread {spread * factor:.3g} {unit} (1.4826 MAD)\n{beyond:.1%} lie beyond the scale"
+        f"{told}\nRMS {rms * factor:.3g} {unit}, median {middle * factor:+.3g} {unit}\n"
+        f"robust spread (1.4826 MAD) {spread * factor:.3g} {unit}\n{beyond:.1%} lie beyond the scale"
     )
 
 
 def _told(found: Registration, wide: int = 1000) -> str:
-    ended = "converged" if found.converged else "NOT converged"
-    told = f"registration {ended}; {found.overlap:.0%} overlap, {found.rms_mm:.3g} mm RMS"
+    told = f"registration {_ended(found)}; {found.overlap:.0%} overlap, {found.rms_mm:.3g} mm RMS"
     return "\n".join(textwrap.wrap(told if found.converged else f"{told}: {found.reason}", wide))
+
+
+def _ended(found: Registration) -> str:
+    return "converged" if found.converged else "NOT converged"
 
 
 def _simulated(reference: RangeImage, model: RangeImage) -> bool:

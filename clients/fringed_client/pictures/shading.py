@@ -127,10 +127,10 @@ def render_points(
     return _scaled(picture, covered, mean, width_px, tuple(float(e) for e in extent))  # type: ignore[arg-type]
 
 
-def tinted(rgb: UInt8Array, colour: Array) -> Float32Array:
-    """Return a rendering's light (h, w, 3) in other colours, (3,) or (h, w, 3) from 0 to 1."""
-    light = rgb.mean(axis=2, keepdims=True, dtype=np.float32) / 255.0
-    return np.asarray(np.clip(colour * (0.45 + 0.6 * light), 0, 1), np.float32)
+def tinted(rgb: UInt8Array, colour: Array, flat: float = 0.0) -> Float32Array:
+    """Return a rendering's light (h, w, 3) in colours (3,) or (h, w, 3) from 0 to 1; `flat` 1 leaves no shade."""
+    light = 0.45 + 0.6 * rgb.mean(axis=2, keepdims=True, dtype=np.float32) / 255.0
+    return np.asarray(np.clip(colour * (flat + (1 - flat) * light), 0, 1), np.float32)
 
 
 def _limits(seen: Array) -> tuple[Array, Array]:

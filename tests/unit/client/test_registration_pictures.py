@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fringed.data import IterationRecord, Registration
-from fringed_client.pictures import convergence
+from fringed.data import IterationRecord, Provenance, RangeImage, Registration
+from fringed_client.pictures import convergence, layers, registration
 from fringed_client.pictures.figures import APART
+from fringed_client.pictures.partners import partners_of
+from fringed_client.pictures.shading import VIEWS, window_of
 
 
 @pytest.fixture
@@ -18,12 +20,12 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure is drawn and kept here instead of written."""
     figures: list[Any] = []
 
-    def keep(drawn: Any, path: Path) -> Path:
+    def keep(drawn: Any, path: Path, colours: int | None = None) -> Path:
         drawn.canvas.draw()
         figures.append(drawn)
         return path
 
-    for module in (convergence,):
+    for module in (convergence, layers, registration):
         monkeypatch.setattr(module, "save", keep)
     return figures
 
@@ -91,3 +93,128 @@ def test_a_registration_without_iterations_is_drawn_too(kept: list[Any], history
 def test_stages_are_the_runs_of_one_name() -> None:
     history = [IterationRecord(1.0, 1, 1.0, 0.0, 0.0, name) for name in ("a", "a", "b", "a")]
     assert convergence.stages_of(history) == [("a", 1, 2), ("b", 3, 3), ("a", 4, 4)]
+
+
+def a_view(xyz_mm: Any, name: str = "") -> RangeImage:
+    xyz = np.asarray(xyz_mm, np.float32)
+    rejected = np.where(np.isfinite(xyz[..., 2]), 0, 2).astype(np.uint16)
+    intensity = np.full(rejected.shape, 200, np.uint8)
+    return RangeImage(xyz, rejected, intensity, id=name, provenance=Provenance(simulated=True))
+
+
+def a_plane(x_mm: float = 0.0, z_mm: float = 1000.0, size: int = 61) -> RangeImage:
+    y, x = np.mgrid[0:size, 0:size] - (size - 1) / 2
+    return a_view(np.dstack([x + x_mm, y, np.full_like(x, z_mm)]))
+
+
+def a_sphere(radius_mm: float = 60.0, offset_px: float = 0.0) -> RangeImage:
+    y, x = np.mgrid[0:121, 0:121] - 60.0
+    x, y = x + offset_px, y - offset_px
+    below = np.clip(radius_mm**2 - x**2 - y**2, 0, None)
+    z = np.where(x**2 + y**2 < 50**2, 1000 - np.sqrt(below), np.nan)
+    return a_view(np.dstack([x, y, z]))
+
+
+def shifted(x_mm: float = 0.0, y_mm: float = 0.0, z_mm: float = 0.0) -> Any:
+    T = np.eye(4)
+    T[:3, 3] = x_mm, y_mm, z_mm
+    return T
+
+
+@pytest.mark.parametrize("away_mm", [0.3, -0.3, 4.0])
+def test_error_map_tells_the_distance_of_a_moved_plane(kept: list[Any], away_mm: float) -> None:
+    # towards the camera is negative z; between the points, so that nearest points are aside
+    found = a_registration(shifted(0.4, 0.4, -away_mm))
+    registration.draw_error_map(Path("e.png"), a_plane(), a_plane(), found)
+    shown = texts(kept[0])
+    number = {0.3: "RMS 300 µm, median +300 µm", -0.3: "RMS 300 µm, median -300 µm", 4.0: "RMS 4 mm, median +4 mm"}
+    assert number[away_mm] in shown
+    assert "SIMULATED" in shown
+    top = kept[0].axes[1].get_xlim()
+    assert top == pytest.approx((-300, 300) if abs(away_mm) < 1 else (-5, 5))
+
+
+def test_distance_between_two_spheres_is_that_of_their_radii() -> None:
+    # along the mean normal nothing of the curvature is left: the old tangent's 1.5^2 / (2 * 60) mm would be 0.019
+    found = partners_of(a_sphere(60.0), a_sphere(60.2, 0.43), np.eye(4))
+    assert found.partner.mean() > 0.95
+    assert np.median(found.distance_mm[found.partner]) == pytest.approx(0.2, abs=0.002)
+
+
+def test_points_beside_and_behind_have_no_partner() -> None:
+    beside = partners_of(a_plane(), a_plane(x_mm=30), np.eye(4))
+    over = beside.points_mm[:, 0] <= 30
+    # the rim's normals need three of five pixels: partners end within two pixels of the edge
+    assert beside.partner[over & (beside.points_mm[:, 0] < 28)].all()
+    assert not beside.partner[beside.points_mm[:, 0] > 32].any()
+    turned = np.diag([-1.0, 1.0, -1.0, 1.0])  # seen from behind
+    turned[2, 3] = 2000
+    assert not partners_of(a_plane(), a_plane(), turned).partner.any()
+
+
+def test_error_map_of_views_that_do_not_meet_is_grey(kept: list[Any]) -> None:
+    registration.draw_error_map(Path("e.png"), a_plane(), a_plane(), a_registration(shifted(500), converged=False))
+    shown = texts(kept[0])
+    assert "0 points have a partner" in shown and "no partner: 3,481 points" in shown  # 59 x 59: a rim has no normals
+    assert "NOT converged" in shown and "at least 20% is needed" in shown.replace("\n", " ")
+
+
+def test_both_views_are_seen_from_four_sides_before_and_after(kept: list[Any]) -> None:
+    ball = a_sphere()
+    registration.draw_registration(Path("r.png"), ball, ball, a_registration(shifted(40, 0, 20)))
+    axes = kept[0].axes
+    assert [one.get_title("left") for one in axes] == [
+        f"{when}, {side}" for when in ("before", "after") for side in ("X–Y", "Y–Z", "X–Z", "oblique")
+    ]
+    assert [(one.get_xlabel(), one.get_ylabel()) for one in axes[:3]] == [
+        ("x / mm", "y / mm"), ("z / mm", "y / mm"), ("x / mm", "z / mm"),
+    ]  # fmt: skip
+    low, high = axes[0].get_xlim()
+    # of both rows: from -50 to 50 + 40, with a margin of 4 %
+    assert (low, high) == pytest.approx((-54, 94), abs=3) and axes[4].get_xlim() == (low, high)
+    scales = {round(one.bbox.width / abs(np.ptp(one.get_xlim())), 1) for one in axes}
+    assert len(scales) == 1  # pixels for each mm
+    assert all(one.get_aspect() == 1 for one in axes)
+
+
+def test_the_nearer_surface_hides_the_other() -> None:
+    near, far = a_plane(z_mm=990, size=31), a_plane(z_mm=1000, size=61)
+    red, green = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
+    both = [layers.layer_of(near, red), layers.layer_of(far, green)]
+    for order in (both, both[::-1]):
+        shown = layers.composed(order, VIEWS["x-y"], 200)
+        middle, side = shown.rgb[shown.rgb.shape[0] // 2, [shown.rgb.shape[1] // 2, shown.rgb.shape[1] // 6]]
+        assert middle[0] > 150 > middle[1] and side[1] > 150 > side[0]
+
+
+def test_a_torn_grid_is_shown_as_points() -> None:
+    xyz = a_plane().xyz_mm.copy()
+    xyz[::2], xyz[:, ::2] = np.nan, np.nan  # no point has a neighbour
+    torn = layers.layer_of(a_view(xyz), np.ones(3))
+    assert len(torn.points_mm) == 30 * 30
+    assert np.all(torn.normals[:, 2] < -0.9)  # they face the camera
+    assert layers.composed([torn], VIEWS["x-y"], 100).covered.mean() > 0.5
+
+
+def test_correspondences_join_matched_points(kept: list[Any]) -> None:
+    T = shifted(20, 5, -2)
+    registration.draw_correspondences(Path("c.png"), a_plane(), a_plane(), a_registration(T), most=40)
+    axes = kept[0].axes[0]
+    (lines,) = axes.collections
+    segments = np.array(lines.get_segments())
+    assert segments.shape == (40, 2, 2)
+    ends, starts = segments[:, 0], segments[:, 1]
+    # the model's own x, y, moved aside, is where the reference's is after the registration: one shift for all
+    apart = starts - ends
+    assert np.ptp(apart, axis=0) == pytest.approx([0, 0], abs=1e-3)
+    assert apart[0, 1] == pytest.approx(-5, abs=1e-3)
+    aside = apart[0, 0] + 20
+    assert aside == pytest.approx(1.2 * 58, abs=0.2)  # points with normals span 58 mm
+    assert starts[:, 0].min() > 30 > ends[:, 0].max()
+    assert "40 of" in axes.get_title("left")
+
+
+def test_a_window_holds_all_clouds() -> None:
+    window = window_of([np.zeros((5, 3)), np.full((5, 3), 7.0), np.zeros((0, 3))], VIEWS["x-y"], 100)
+    assert np.all(window.low <= 0) and np.all(window.high >= 7)
+    assert np.all(np.isfinite(window_of([], VIEWS["x-y"], 100).high))
