@@ -184,7 +184,8 @@ def _export_all(
 def view_command(sources: tuple[str, ...], folder: Path, config: Path | None, options: Options) -> None:
     """Draw pictures: frames, phases, masks, depth, shaded views, convergence.
 
-    A source is the id of a recording, its file (.h5), or a capture folder.
+    A source is the id of a recording, its file (.h5), or a capture folder. A registration's id is drawn with both
+    its range images, where they are recorded.
     """
     from fringed.errors import UsageError
     from fringed_client.calibration_file import load_recording
@@ -208,6 +209,22 @@ def view_command(sources: tuple[str, ...], folder: Path, config: Path | None, op
     if ids:
         with any_station(options.station, output.say, config) as station:
             for item_id in ids:
-                drawn += draw_all(station.get(item_id), folder / item_id)
+                content = station.get(item_id)
+                drawn += draw_all(content, folder / item_id, _registered(station, content))
     files = [str(path) for path in drawn]
     output.emit({"files": files}) if options.json else output.facts({"drawn": "\n".join(files)})
+
+
+def _registered(station: Station, content: Any) -> tuple[Any, Any] | None:
+    """Return the range images that a registration joins, None where it is none or they are not recorded."""
+    from fringed.data import RangeImage, Registration
+    from fringed.errors import NotFound, RecordingError
+
+    if not isinstance(content, Registration) or not (content.reference and content.model):
+        return None
+    try:
+        pair = station.get(content.reference), station.get(content.model)
+    except (NotFound, RecordingError) as error:
+        output.say(f"only the convergence is drawn: {error}")
+        return None
+    return pair if all(isinstance(one, RangeImage) for one in pair) else None

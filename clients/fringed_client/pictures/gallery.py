@@ -22,13 +22,15 @@ from fringed.data import (
     Verification,
 )
 from fringed.errors import UsageError
-from fringed_client.pictures import boards, calibration, convergence, maps, verification, views
+from fringed_client.pictures import boards, calibration, convergence, maps, models, registration, verification, views
 
 DRAWN = "FrameSet, PhaseMap, BoardView, Calibration, Verification, RangeImage, Model, Registration and Truth"
 
 
-def draw_all(content: Any, folder: Path) -> list[Path]:
+def draw_all(content: Any, folder: Path, pair: tuple[RangeImage, RangeImage] | None = None) -> list[Path]:
     """Draw everything that suits an object into `folder`; returns the pictures' paths.
+
+    `pair` are the reference and the model of a Registration, where they are known: both are drawn with it.
 
     Raises
     ------
@@ -54,12 +56,21 @@ def draw_all(content: Any, folder: Path) -> list[Path]:
         return [*drawn, *views.draw_views(folder, content).values()]
     if isinstance(content, Model):
         drawn = list(views.draw_views(folder, content).values())
+        if content.view_index is not None:
+            drawn.append(models.draw_model(folder / "views.png", content))
         if content.registrations:
             path = folder / "convergence.png"
             drawn.append(convergence.draw_convergence(path, content.registrations, content.provenance.simulated))
         return drawn
     if isinstance(content, Calibration):
         return calibration.draw_all(content, folder)
+    if isinstance(content, Registration) and pair is not None:
+        return [
+            draw_main(content, folder / "registration.png"),
+            registration.draw_registration(folder / "views.png", *pair, content),
+            registration.draw_error_map(folder / "error.png", *pair, content),
+            registration.draw_correspondences(folder / "correspondences.png", *pair, content),
+        ]
     return [draw_main(content, folder / f"{type(content).__name__.lower()}.png")]
 
 

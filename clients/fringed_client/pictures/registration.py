@@ -93,7 +93,7 @@ def draw_correspondences(
     put aside to the right. Lines that cross or jump tell of wrong matches.
     """
     found = partners_of(reference, model, registration.T_reference_model)
-    fixed, moving = layer_of(reference, _pale(REFERENCE)), layer_of(model, _pale(MODEL))
+    fixed, moving = layer_of(reference, np.array(_pale(REFERENCE))), layer_of(model, np.array(_pale(MODEL)))
     view = VIEWS["x-y"]
     before = np.eye(4) if start is None else np.asarray(start, np.float64)
     back = _aside(fixed, moving.moved(before)) @ before
@@ -128,8 +128,9 @@ def _aside(fixed: Layer, moving: Layer) -> Array:
     return T
 
 
-def _pale(colour: tuple[float, float, float]) -> Array:
-    return np.asarray(0.45 * np.array(colour) + 0.55)
+def _pale(colour: tuple[float, float, float]) -> tuple[float, float, float]:
+    red, green, blue = (0.45 * part + 0.55 for part in colour)
+    return red, green, blue
 
 
 def _signed(drawn: Any, axes: Any, reference: RangeImage, model: RangeImage) -> None:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fringed.data import IterationRecord, Provenance, RangeImage, Registration
-from fringed_client.pictures import convergence, layers, registration
+from fringed.data import IterationRecord, Model, Provenance, RangeImage, Registration
+from fringed.errors import UsageError
+from fringed_client.pictures import convergence, gallery, layers, models, registration
 from fringed_client.pictures.figures import APART
 from fringed_client.pictures.partners import partners_of
 from fringed_client.pictures.shading import VIEWS, window_of
@@ -218,3 +219,87 @@ def test_a_window_holds_all_clouds() -> None:
     window = window_of([np.zeros((5, 3)), np.full((5, 3), 7.0), np.zeros((0, 3))], VIEWS["x-y"], 100)
     assert np.all(window.low <= 0) and np.all(window.high >= 7)
     assert np.all(np.isfinite(window_of([], VIEWS["x-y"], 100).high))
+
+
+def a_model(views: int = 3, **more: Any) -> Model:
+    """A sphere of 60 mm with 3,000 points, the views one above the other."""
+    n = 3000
+    z = 1 - 2 * (np.arange(n) + 0.5) / n
+    angle = np.arange(n) * np.pi * (3 - np.sqrt(5))
+    normals = np.stack([np.cos(angle) * np.sqrt(1 - z**2), z, np.sin(angle) * np.sqrt(1 - z**2)], axis=1)
+    points = (60 * normals + [0, 0, 1000]).astype(np.float32)
+    index = (np.arange(n) * views // n).astype(np.uint8)  # rising downwards: from y = 60 to -60
+    intensity = np.where(points[:, 1] > 0, 255, 30).astype(np.uint8)
+    names = tuple(f"id{i}" for i in range(views))
+    return Model(points, normals.astype(np.float32), intensity, names, np.stack([np.eye(4)] * views),
+                 view_index=index, **more)  # fmt: skip
+
+
+def picture_of(axes: Any) -> Any:
+    return np.asarray(axes.images[0].get_array())
+
+
+def test_a_model_is_seen_from_four_sides_in_the_colours_of_its_views(kept: list[Any]) -> None:
+    models.draw_model(Path("m.png"), a_model(), azimuth_deg=-30, elevation_deg=10)
+    axes = kept[0].axes
+    assert [one.get_title("left") for one in axes] == ["X–Y", "Y–Z", "X–Z", "azimuth -30°, elevation 10°"]
+    rgb = picture_of(axes[0]).astype(float)
+    middle = rgb.shape[1] // 2
+    palette = models.view_colours(3)
+    for part, view in ((0.2, 2), (0.5, 1), (0.8, 0)):  # view 0 has the largest y, which is below
+        seen = rgb[int(part * rgb.shape[0]), middle]
+        shade = [seen @ colour / np.linalg.norm(seen) / np.linalg.norm(colour) for colour in palette]
+        assert int(np.argmax(shade)) == view
+    shown = texts(kept[0])
+    assert "view 2 (id1): 33% of the points" in shown and "model of 3 views: 3,000 points" in shown
+
+
+def test_a_model_is_coloured_by_intensity(kept: list[Any]) -> None:
+    models.draw_model(Path("m.png"), a_model(), "intensity")
+    rgb = picture_of(kept[0].axes[0])
+    middle = rgb.shape[1] // 2
+    # light comes from above, y is downwards: the lower half is bright all the same
+    assert rgb[int(0.7 * rgb.shape[0]), middle].mean() > 2 * rgb[int(0.3 * rgb.shape[0]), middle].mean()
+
+
+def test_a_model_without_views_is_clay_and_says_what_it_lacks(kept: list[Any]) -> None:
+    from dataclasses import replace
+
+    plain = replace(a_model(), view_index=None)
+    models.draw_model(Path("m.png"), plain)
+    assert not kept[0].legends
+    with pytest.raises(UsageError, match="does not know which view"):
+        models.draw_model(Path("m.png"), plain, "views")
+    with pytest.raises(UsageError, match="by views, intensity or clay"):
+        models.draw_model(Path("m.png"), plain, "rainbow")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [1, 6, 12, 30])
+def test_views_have_colours_of_their_own(kept: list[Any], count: int) -> None:
+    assert len(np.unique(models.view_colours(count).round(4), axis=0)) == count
+    models.draw_model(Path("m.png"), a_model(count))
+    shown = texts(kept[0])
+    assert "view 1" in shown and ("16 more" in shown) == (count == 30)
+
+
+def test_triangles_are_filled_evenly() -> None:
+    corners = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [10, 10, 0]], float)
+    faces = np.array([[0, 1, 2], [1, 3, 2]])
+    layer = layers.Layer(corners, np.tile([0.0, 0, -1], (4, 1)), np.eye(4)[:, :3])
+    found = models.filled(layer, faces, 8000)
+    assert len(found.points_mm) == 8000
+    assert found.points_mm.min() >= 0 and found.points_mm.max() <= 10 and not found.points_mm[:, 2].any()
+    counts, _, _ = np.histogram2d(*found.points_mm[:, :2].T, bins=4)
+    assert abs(counts - 500).max() < 5 * np.sqrt(500)
+    assert found.normals == pytest.approx(np.tile([0.0, 0, -1], (8000, 1)))
+    flat = models.filled(layer, np.array([[0, 0, 0]]), 100)  # no area at all
+    assert len(flat.points_mm) == 1
+
+
+def test_a_registration_is_drawn_with_its_views_where_they_are_known(tmp_path: Path) -> None:
+    found = a_registration(history=a_history())
+    assert [path.name for path in gallery.draw_all(found, tmp_path)] == ["registration.png"]
+    drawn = gallery.draw_all(found, tmp_path, (a_sphere(), a_sphere(60.1, 0.4)))
+    assert [path.stem for path in drawn] == ["registration", "views", "error", "correspondences"]
+    assert all(5_000 < path.stat().st_size < 200_000 for path in drawn)
+    assert "views" in {path.stem for path in gallery.draw_all(a_model(), tmp_path)}
