@@ -43,7 +43,7 @@ class Patches:
     gain: float
 
     def sample(self, most_points: int) -> tuple[FloatArray, Array, float]:
-        """Return smoothed points, normals, a pixel's area (n, 7), flat pixels (n,), and how many points each stands for.
+        """Return smoothed points, normals, areas of a pixel (n, 7), flat pixels (n,), how many points one stands for.
 
         Every s-th column and row; while s is at most half the window no point is lost.
         """

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fringed_plugins.registration.coarse import tournament
+from fringed_plugins.registration.describing import Search, guesses
 from fringed_plugins.registration.icp import Settings, iterate
 from fringed_plugins.registration.invariant import curved, draw_near
 from fringed_plugins.registration.matching import ClosestPoint
@@ -25,6 +26,9 @@ from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verif
 UNITS_RATIO = 20.0
 ONE_SIDED = 0.9
 GUESS_POINTS = 2500
+SHAPE_POINTS = 4000
+MORE_POINTS = 6000
+SHAPES = 12
 COARSE_POINTS = 2500
 FEW_POINTS = 1800
 FEW_ITERATIONS = 25
@@ -105,11 +109,29 @@ def _starts(reference: Surface, model: Surface, options: Options, report: Report
         pass
     else:
         yield draw_near(*pair, start, COARSE_ITERATIONS, lambda made: report(0.1, f"coarse: {made.pairs} pairs"))
-    report(0.2, "first guesses")
+    for number, guess in enumerate((_by_shape, _by_axes, _by_shape_again)):
+        report(0.2 + 0.1 * number, "first guesses")
+        found = guess(reference, model)
+        if found:
+            for one in tournament(reference, model, found, lambda _, text: report(0.3, text), options.threads):
+                yield one.T_reference_model
+
+
+def _by_shape(reference: Surface, model: Surface) -> list[FloatArray]:
+    """Return what local shapes agree on, whatever the turn between the views."""
+    return guesses(reference.level(SHAPE_POINTS), model.level(SHAPE_POINTS), SHAPES)
+
+
+def _by_axes(reference: Surface, model: Surface) -> list[FloatArray]:
+    """Return turns about the image's axes and the alignments of principal axes: what has no shapes, may have these."""
     p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
-    guesses = turns(p, q, between) + principal_axes(p, q)
-    for one in tournament(reference, model, guesses, lambda part, text: report(0.4 * part, text), options.threads):
-        yield one.T_reference_model
+    return turns(p, q, model.origin - reference.origin) + principal_axes(p, q)
+
+
+def _by_shape_again(reference: Surface, model: Surface) -> list[FloatArray]:
+    """Return what local shapes agree on, more of them and of smaller surroundings."""
+    levels = reference.level(MORE_POINTS), model.level(MORE_POINTS)
+    return guesses(*levels, SHAPES, Search(radius=4.0, described=2500, correspondences=1500))
 
 
 @dataclass(frozen=True)
