@@ -63,10 +63,11 @@ def colour_bar(drawn: Figure, image: Any, axes: Any, label: str, extend: str = "
     return bar
 
 
-def save(drawn: Figure, path: Path, colours: int | None = None) -> Path:
+def save(drawn: Figure, path: Path, colours: int | None = None, rare: bool = False) -> Path:
     """Write the figure as PNG (or what the name's ending says) and return its path.
 
-    A PNG of at most 256 `colours` is a third as large.
+    A PNG of at most 256 `colours` is a third as large. They suit what fills the picture, and shade has no steps;
+    `rare` keeps those that few pixels have, such as the ends of a colour bar.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if colours is not None and path.suffix == ".png":
@@ -74,7 +75,8 @@ def save(drawn: Figure, path: Path, colours: int | None = None) -> Path:
 
         drawn.canvas.draw()
         picture = Image.fromarray(np.asarray(drawn.canvas.buffer_rgba())).convert("RGB")  # type: ignore[attr-defined]
-        picture.quantize(colours, dither=Image.Dither.NONE).save(path, compress_level=6)
+        method = Image.Quantize.MAXCOVERAGE if rare else Image.Quantize.MEDIANCUT
+        picture.quantize(colours, method, dither=Image.Dither.NONE).save(path, compress_level=6)
         drawn.clear()
         return path
     drawn.savefig(path, dpi=DPI, pil_kwargs={"compress_level": 3} if path.suffix == ".png" else None)

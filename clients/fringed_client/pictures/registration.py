@@ -76,7 +76,7 @@ def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registr
         left.legend(handles=[grey], loc="upper left", bbox_to_anchor=(0, -0.12), fontsize=8.5, frameon=False,
                     labelcolor=INK, borderaxespad=0)  # fmt: skip
     drawn.suptitle(_told(registration, 90), x=0.012, ha="left", fontsize=10.5, color=INK)
-    return save(drawn, path, 240)
+    return save(drawn, path, 256, rare=True)
 
 
 def draw_correspondences(

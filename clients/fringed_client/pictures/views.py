@@ -22,7 +22,7 @@ from fringed_client.pictures.shading import PAPER, VIEWS, Rendering, View, rende
 
 _NAMES = {"x-y": "X–Y, from the camera", "y-z": "Y–Z, from the side", "x-z": "X–Z, from above", "oblique": "oblique"}
 NARROW_PX = 330
-_STEPS_MM = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+_STEPS_MM = tuple(digit * 10.0**power for power in range(-4, 4) for digit in (1, 2, 5))
 
 
 def draw_views(
@@ -82,7 +82,7 @@ def _scale_bar(axes: Any, rendering: Rendering) -> None:
     x, y = left + 0.03 * (right - left), bottom - 0.03 * (bottom - top)
     axes.plot([x, x + length], [y, y], color=INK, linewidth=2, solid_capstyle="butt")
     axes.text(
-        x + length / 2, y - 0.012 * (bottom - top), f"{length} mm", ha="center", va="bottom", fontsize=8, color=INK
+        x + length / 2, y - 0.012 * (bottom - top), f"{length:g} mm", ha="center", va="bottom", fontsize=8, color=INK
     )
 
 

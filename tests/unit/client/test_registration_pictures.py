@@ -21,7 +21,7 @@ def kept(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     """Every figure is drawn and kept here instead of written."""
     figures: list[Any] = []
 
-    def keep(drawn: Any, path: Path, colours: int | None = None) -> Path:
+    def keep(drawn: Any, path: Path, *_: Any, **__: Any) -> Path:
         drawn.canvas.draw()
         figures.append(drawn)
         return path
