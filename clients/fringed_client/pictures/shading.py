@@ -118,11 +118,12 @@ def render_points(
         low, high, pixel_mm = window.low, window.high, window.pixel_mm
     size = np.ceil((high - low)[:2] / pixel_mm).astype(int) + 1
     sums, weight = _splat(seen, facing, values, (low, pixel_mm, size))
-    picture, covered = _light(sums, weight)
+    means = _means(sums, weight)
+    picture, covered = _light(means[..., :3], weight)
     extent = (low[0], low[0] + size[0] * pixel_mm, low[1] + size[1] * pixel_mm, low[1])
     mean = None
     if values is not None:
-        mean = np.where(covered[..., None], _means(sums[..., 3:], weight), np.nan)
+        mean = np.where(covered[..., None], means[..., 3:], np.nan)
         mean = mean[..., 0] if values.ndim == 1 else mean
     return _scaled(picture, covered, mean, width_px, tuple(float(e) for e in extent))  # type: ignore[arg-type]
 
@@ -178,10 +179,9 @@ def _means(sums: Float32Array, weight: Float32Array) -> Float32Array:
     return np.asarray(np.where(few, around, inside), np.float32)
 
 
-def _light(sums: Float32Array, weight: Float32Array) -> tuple[Float32Array, Array]:
+def _light(normal: Float32Array, weight: Float32Array) -> tuple[Float32Array, Array]:
     covered = weight > 0.25 * float(np.median(weight[weight > 0.05]))
     covered = cv2.morphologyEx(covered.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)) > 0
-    normal = sums[..., :3]
     normal = normal / np.maximum(np.linalg.norm(normal, axis=2, keepdims=True), 1e-6)
     light = 0.16 + np.zeros(weight.shape, np.float32)
     for direction, strength in (((-0.45, -0.65, -0.9), 0.66), ((0.8, 0.1, -0.6), 0.18), ((0.0, 0.0, -1.0), 0.14)):

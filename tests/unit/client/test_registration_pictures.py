@@ -303,3 +303,11 @@ def test_a_registration_is_drawn_with_its_views_where_they_are_known(tmp_path: P
     assert [path.stem for path in drawn] == ["registration", "views", "error", "correspondences"]
     assert all(5_000 < path.stat().st_size < 200_000 for path in drawn)
     assert "views" in {path.stem for path in gallery.draw_all(a_model(), tmp_path)}
+
+
+def test_sparse_points_leave_no_specks() -> None:
+    ball = a_model()
+    layer = layers.Layer(ball.points_mm, ball.normals, np.ones(3))
+    shown = layers.composed([layer], VIEWS["y-z"], 300)
+    grey = shown.rgb.mean(axis=2)[100:200, 100:200]  # the middle, lit smoothly: a third of the ball's width
+    assert abs(np.diff(grey, axis=0)).max() < 12 and abs(np.diff(grey, axis=1)).max() < 12
