@@ -149,41 +149,47 @@ def _normal(t: Array, du: float, dv: float) -> tuple[float, float, float, float,
 
 @njit(cache=True, parallel=True)
 def walk(model: Array, transforms: Array, table: Array, usable: Array, found: Array, out: Array) -> None:
-    """Find the foot of each moved point: `found` its flat pixel or -1, `out` (n, 8) point, normal, distance, area.
+    """Find the foot of each moved point: `found` its flat pixel or -1, `out` (n, 8) point, its normal, distance, area.
 
     `model` (n, 6) points and normals; `transforms` (7, 4) the motion's four rows and the projection's three.
-    Projects, then walks in the tangent plane until the foot lies within a pixel.
+    Projects where `found` knows no pixel of the last time, then walks in the tangent plane until the foot lies
+    within a pixel. A foot stays on its patch as long as it can: on the edge of two it would swing for ever.
     """
     height, width = usable.shape
     T, P = transforms[:4], transforms[4:]
     for i in prange(len(model)):
+        last = found[i]
         found[i] = -1
         px, py, pz, mx, my, mz = model[i, 0], model[i, 1], model[i, 2], model[i, 3], model[i, 4], model[i, 5]
         x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
         y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
         z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        depth = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
-        if depth < 1e-6:
-            continue
-        u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / depth
-        v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / depth
-        if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
-            continue
-        c, r, du, dv = _foot((x, y, z), int(u + 0.5), int(v + 0.5), table, usable)
+        c, r = last % width, last // width
+        if last < 0:
+            depth = P[2, 0] * x + P[2, 1] * y + P[2, 2] * z + P[2, 3]
+            if depth < 1e-6:
+                continue
+            u = (P[0, 0] * x + P[0, 1] * y + P[0, 2] * z + P[0, 3]) / depth
+            v = (P[1, 0] * x + P[1, 1] * y + P[1, 2] * z + P[1, 3]) / depth
+            if not (u > -0.5 and v > -0.5 and u < width - 0.5 and v < height - 0.5):
+                continue
+            c, r = int(u + 0.5), int(v + 0.5)
+        c, r, du, dv = _foot((x, y, z), c, r, table, usable)
         if r < 0:
             continue
         t = table[r, c]
         nx, ny, nz, cosine, area = _normal(t, du, dv)
-        facing = nx * (T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz)
-        facing += ny * (T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz)
-        facing += nz * (T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz)
-        if facing < FACING_COS:
+        # the model's own normal: the patch's has the noise of the distance in it, which would bias the motion
+        ax = T[0, 0] * mx + T[0, 1] * my + T[0, 2] * mz
+        ay = T[1, 0] * mx + T[1, 1] * my + T[1, 2] * mz
+        az = T[2, 0] * mx + T[2, 1] * my + T[2, 2] * mz
+        if nx * ax + ny * ay + nz * az < FACING_COS:
             continue
         d = (x - t[0]) * t[9] + (y - t[1]) * t[10] + (z - t[2]) * t[11]
         d -= 0.5 * (du * (t[12] * du + t[13] * dv) + dv * (t[13] * du + t[14] * dv))
         found[i] = r * width + c
         out[i, 0], out[i, 1], out[i, 2] = x, y, z
-        out[i, 3], out[i, 4], out[i, 5] = nx, ny, nz
+        out[i, 3], out[i, 4], out[i, 5] = ax, ay, az
         out[i, 7] = area
         out[i, 6] = d / cosine  # along the foot's normal; `d` is along that of the patch's middle
 

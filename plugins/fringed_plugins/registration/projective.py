@@ -112,7 +112,7 @@ class _Pairing:
 
     def __init__(self, reference: Patches, samples: FloatArray, variance: FloatArray) -> None:
         self.reference, self.samples, self.own = reference, samples, variance
-        self.found = np.empty(len(samples), np.int64)
+        self.found = np.full(len(samples), -1, np.int64)
         self.rows = np.empty((len(samples), 8), np.float64)
         self.expected_mm = float("nan")
 
