@@ -22,7 +22,7 @@ from fringed_plugins.registration.plane import information, jacobian
 from fringed_plugins.registration.register import Options, register
 from fringed_plugins.registration.surface import prepare
 
-SIZE = {"pitch_mm": 0.455, "size": (520, 400)}
+SIZE = {"pitch_mm": 0.484, "size": (490, 380)}
 DRAWS = 8
 SECONDS, OVER_BOUND, NOISELESS = 0.3, 1.5, (1e-3, 2e-3)
 RIGHT_DEG = 1.0  # a peer that is farther off has found nothing, and its time is none

@@ -40,6 +40,8 @@ class Round:
 
 ROUNDS = (Round(2500, 500, 6, 14, 0.4), Round(2500, 700, 10, 5, 0.25), Round(7000, 1800, 8, 3, 0.12))
 
+SHORT = (Round(2500, 500, 6, 4, 0.4),)  # for guesses that are near where they are right
+
 
 @dataclass(frozen=True)
 class Candidate:
@@ -50,19 +52,24 @@ class Candidate:
 
 
 def tournament(
-    reference: Surface, model: Surface, guesses: list[FloatArray], report: Report, threads: int = 1
+    reference: Surface,
+    model: Surface,
+    guesses: list[FloatArray],
+    report: Report,
+    threads: int = 1,
+    rounds: tuple[Round, ...] = ROUNDS,
 ) -> list[Candidate]:
     """Return the best guesses, refined on few points, best first; at least one."""
     T = np.array(guesses)
     score = np.zeros(len(T))
-    for number, game in enumerate(ROUNDS):
+    for number, game in enumerate(rounds):
         level = reference.level(game.reference_points)
-        report(number / len(ROUNDS), f"first guesses, {len(T)} left")
+        report(number / len(rounds), f"first guesses, {len(T)} left")
         points, normals = _sample(model.level(4 * game.model_points), game.model_points)
         race = _Race(level, points, normals, threads)
         for _ in range(game.iterations):
             T = race.advance(T, 0.2 * reference.diagonal_mm)
-            report(number / len(ROUNDS), f"first guesses, {len(T)} left")
+            report(number / len(rounds), f"first guesses, {len(T)} left")
         score = race.score(T, game.tolerance * level.spacing_mm)
         order = _distinct(T, score, reference.diagonal_mm)[: game.stay]
         T, score = T[order], score[order]

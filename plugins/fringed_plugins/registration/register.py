@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fringed_plugins.registration.coarse import tournament
+from fringed_plugins.registration.coarse import ROUNDS, SHORT, tournament
 from fringed_plugins.registration.describing import Search, guesses
 from fringed_plugins.registration.icp import Settings, iterate
 from fringed_plugins.registration.invariant import curved, draw_near
@@ -31,7 +31,7 @@ MORE_POINTS = 6000
 SHAPES = 12
 COARSE_POINTS = 2500
 FEW_POINTS = 1800
-FEW_ITERATIONS = 25
+FEW_ITERATIONS = 15
 FEW_SLACK = 3.0  # few points miss the surface between them
 FEW_STILL = 1e-2  # of the resolution: more points go on from there
 COARSE_ITERATIONS = 25
@@ -109,11 +109,11 @@ def _starts(reference: Surface, model: Surface, options: Options, report: Report
         pass
     else:
         yield draw_near(*pair, start, COARSE_ITERATIONS, lambda made: report(0.1, f"coarse: {made.pairs} pairs"))
-    for number, guess in enumerate((_by_shape, _by_axes, _by_shape_again)):
+    for number, (guess, rounds) in enumerate(((_by_shape, SHORT), (_by_axes, ROUNDS), (_by_shape_again, ROUNDS))):
         report(0.2 + 0.1 * number, "first guesses")
         found = guess(reference, model)
         if found:
-            for one in tournament(reference, model, found, lambda _, text: report(0.3, text), options.threads):
+            for one in tournament(reference, model, found, lambda _, text: report(0.3, text), options.threads, rounds):
                 yield one.T_reference_model
 
 
