@@ -1,12 +1,11 @@
 """A head with nose, eyes, brows, lips, chin and ears: a face that nobody has.
 
 Owns the model, made of blended ellipsoids and capsules and sampled along rays from its middle, so that it is closed
-and one piece. `seed` varies the proportions; the same seed gives the same head everywhere.
+and one piece. What differs from person to person is in `person`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -15,6 +14,7 @@ from msgspec import Meta
 from fringed.data import Array, Float32Array
 from fringed.simulation.rows import for_rows
 from fringed.simulation.shapes.fields import Points, Vector, bump, capsule, carve, ellipsoid, union
+from fringed.simulation.shapes.person import Proportions, proportions, uneven_mm
 from fringed.simulation.shapes.shape import Shape, ShapeOptions, grid_faces, mesh_shape
 
 _OUTSIDE_MM = 175.0
@@ -26,37 +26,23 @@ _ARRIVED_MM = 0.01
 class HeadOptions(ShapeOptions, frozen=True, kw_only=True):
     """A face-like head, some 240 mm tall, its nose towards z."""
 
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="whose head")] = 0
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1, description="whose head; nine proportions differ")] = 0
+    variant: Annotated[int, Meta(ge=0, le=2**63 - 1, description="whose head; all differs that does in people")] = 0
     columns: Annotated[int, Meta(ge=24, le=2000, description="vertices around")] = 420
     rows: Annotated[int, Meta(ge=16, le=2000, description="vertices from crown to neck")] = 310
 
 
-@dataclass(frozen=True)
-class _Proportions:
-    """What differs from person to person; 1 is the mean."""
-
-    width: float = 1.0
-    jaw: float = 1.0
-    nose: float = 1.0
-    nose_width: float = 1.0
-    brow: float = 1.0
-    lips: float = 1.0
-    chin: float = 1.0
-    ears: float = 1.0
-    eyes: float = 1.0
-
-
 def head(options: HeadOptions) -> Shape:
     """Return the mesh of the head."""
-    spread = np.random.default_rng(options.seed).uniform(-1, 1, 9) if options.seed else np.zeros(9)
-    scale = (0.04, 0.08, 0.12, 0.15, 0.25, 0.15, 0.12, 0.12, 0.04)
-    person = _Proportions(*(1.0 + spread * np.array(scale)))
+    person = proportions(options.seed, options.variant)
     directions = _directions(options.rows, options.columns)
     coarse = _directions(options.rows // 4 + 2, options.columns // 4)
     radius = np.full(coarse.shape[:2], _OUTSIDE_MM, np.float32)
     _approach(radius, coarse, person, 3 * _STEPS)
     start = _grown(radius, directions.shape[:2]) + 3.0
     _approach(start, directions, person, _STEPS)
+    if options.variant:
+        start += uneven_mm(directions, options.variant)
     points = directions * start[..., None]
     vertices = points.reshape(-1, 3)
     return mesh_shape(vertices, grid_faces(options.rows, options.columns, closed=True), _albedo(vertices, person))
@@ -73,7 +59,7 @@ def _directions(rows: int, columns: int) -> Float32Array:
     return np.stack(vectors, axis=-1).astype(np.float32)
 
 
-def _approach(radius: Float32Array, directions: Float32Array, person: _Proportions, steps: int) -> None:
+def _approach(radius: Float32Array, directions: Float32Array, person: Proportions, steps: int) -> None:
     """Move along each ray from outside to the surface; most rays need fewer than `steps`."""
     x, y, z = (np.ascontiguousarray(directions[..., axis]) for axis in range(3))
 
@@ -104,7 +90,7 @@ def _grown(radius: Float32Array, shape: tuple[int, int]) -> Float32Array:
     return np.ascontiguousarray(largest[np.ix_(rows, columns)], dtype=np.float32)
 
 
-def _distance(points: Points, person: _Proportions) -> Array:
+def _distance(points: Points, person: Proportions) -> Array:
     """Return the distance to the head; it is symmetric, so one side is modelled."""
     p = (np.abs(points[0]) * np.float32(1 / person.width), points[1], points[2])
     d = _skull(p, person)
@@ -115,64 +101,81 @@ def _distance(points: Points, person: _Proportions) -> Array:
     return carve(d, p[1] - np.float32(_BOTTOM_MM), 8)
 
 
-def _skull(p: Points, person: _Proportions) -> Array:
-    d = ellipsoid(p, (0, 30, -16), (74, 84, 94))
+def _skull(p: Points, person: Proportions) -> Array:
+    long, cheeks, forward = person.face_length_mm, person.cheeks, person.neck_forward_mm
+    depth = 94 * person.skull_depth
+    d = ellipsoid(p, (0, 30, 78 - depth), (74, 84 * person.skull_height, depth))
     d = union(d, ellipsoid(p, (0, -22, 14), (60, 86, 66)), 24)
-    d = union(d, ellipsoid(p, (0, -72, 22), (49 * person.jaw, 36, 47)), 20)
-    d = union(d, ellipsoid(p, (0, -97, 58), (19, 13 * person.chin, 17 * person.chin)), 16)
-    d = union(d, ellipsoid(p, (41, -12, 46), (20, 13, 20)), 16)
-    d = union(d, capsule(p, ((0, -70, -28), (0, -150, -40)), (50, 54)), 18)
-    return d + 2.2 * bump(p, (38, -48, 60), 16)  # the hollow below the cheekbone
+    d = union(d, ellipsoid(p, (0, -72 - 0.6 * long, 22), (49 * person.jaw, 36 * person.jaw_height, 47)), 20)
+    chin = (0, -97 - long, 58 + person.chin_out_mm)
+    d = union(d, ellipsoid(p, chin, (19, 13 * person.chin, 17 * person.chin)), 16)
+    cheek = (41 + person.cheeks_out_mm, -12 + person.cheeks_up_mm, 46)
+    d = union(d, ellipsoid(p, cheek, (20 * cheeks, 13 * cheeks, 20)), 16)
+    neck: tuple[Vector, Vector] = ((0, -70, -28 + forward), (0, -150, -40 + forward))
+    d = union(d, capsule(p, neck, (50 * person.neck, 54 * person.neck)), 18)
+    if person.forehead_mm:
+        d = d - np.float32(person.forehead_mm) * bump(p, (0, 60, 62), 36)
+    hollow = 2.2 + person.hollow_mm
+    return d + hollow * bump(p, (38, -48 - 0.4 * long, 60), 16)  # the hollow below the cheekbone
 
 
-def _eyes(d: Array, p: Points, person: _Proportions) -> Array:
-    x = 31 * person.eyes
-    d = carve(d, ellipsoid(p, (x, 13, 80), (18, 11, 18)), 14)
-    brow: tuple[Vector, Vector] = ((11, 26, 76), (43, 29, 60))
+def _eyes(d: Array, p: Points, person: Proportions) -> Array:
+    x, wide, out = 31 * person.eyes, person.sockets, person.brow_out_mm
+    d = carve(d, ellipsoid(p, (x, 13, 80), (18 * wide, 11 * wide, 18 * wide)), 14)
+    brow: tuple[Vector, Vector] = ((11, 26, 76 + out), (43, 29, 60 + out))
     d = union(d, capsule(p, brow, (6.5 * person.brow, 5.0 * person.brow)), 12)
-    d = union(d, ellipsoid(p, (x, 12, 55), (12.5, 12, 12)), 2)
+    d = union(d, ellipsoid(p, (x, 12, 55), (12.5 * person.eyeballs, 12, 12 * person.eyeballs)), 2)
     d = union(d, capsule(p, ((x - 12, 14, 61), (x, 20, 66)), (2.0, 3.0)), 5)
     d = union(d, capsule(p, ((x, 20, 66), (x + 13, 13, 56)), (3.0, 2.2)), 5)
     return union(d, capsule(p, ((x - 11, 8, 61), (x + 11, 7, 58)), (2.2, 2.2)), 5)
 
 
-def _nose(d: Array, p: Points, person: _Proportions) -> Array:
-    out = 8 * (person.nose - 1) * 4
-    wide = person.nose_width
-    d = union(d, capsule(p, ((0, 24, 77), (0, -16, 97 + out)), (5.0, 7.0 * wide)), 12)
-    d = union(d, ellipsoid(p, (0, -20, 98 + out), (10 * wide, 9, 11)), 7)
-    d = union(d, ellipsoid(p, (12 * wide, -24, 86 + out / 2), (7.5 * wide, 7.5, 11)), 5)
-    return carve(d, ellipsoid(p, (6.5 * wide, -32, 93 + out), (3.6, 5, 6)), 3)
+def _nose(d: Array, p: Points, person: Proportions) -> Array:
+    out, wide, long = 8 * (person.nose - 1) * 4, person.nose_width, person.nose_length_mm
+    bridge: tuple[Vector, Vector] = ((0, 24, 77 + person.bridge_out_mm), (0, -16 - long, 97 + out))
+    d = union(d, capsule(p, bridge, (5.0 * person.bridge, 7.0 * wide)), 12)
+    if person.hook_mm:
+        d = d - np.float32(person.hook_mm) * bump(p, (0, 6 - 0.5 * long, 90 + 0.5 * out), 10)
+    d = union(d, ellipsoid(p, (0, -20 - long, 98 + out), (10 * wide, 9, 11)), 7)
+    d = union(d, ellipsoid(p, (12 * wide, -24 - long, 86 + out / 2), (7.5 * wide, 7.5, 11)), 5)
+    return carve(d, ellipsoid(p, (6.5 * wide, -32 - long, 93 + out), (3.6, 5, 6)), 3)
 
 
-def _mouth(d: Array, p: Points, person: _Proportions) -> Array:
-    full = person.lips
-    d = union(d, ellipsoid(p, (0, -56, 66), (30, 20, 19)), 14)
-    d = d + 1.8 * bump(p, (0, -42, 86), 5)  # the groove between nose and lip
-    d = union(d, capsule(p, ((0, -52.5, 83.5), (23, -57.5, 74)), (4.4 * full, 2.2)), 3)
-    d = union(d, capsule(p, ((0, -62, 82.5), (20, -59.5, 75)), (5.4 * full, 2.4)), 3)
-    d = carve(d, capsule(p, ((0, -57, 89.5), (23, -58.3, 78.5)), (1.5, 0.7)), 2.5)
-    return d + 3.2 * bump(p, (0, -75, 80), 9)  # the hollow above the chin
+def _mouth(d: Array, p: Points, person: Proportions) -> Array:
+    full, wide, out, down = person.lips, person.mouth_width, person.mouth_out_mm, person.mouth_down_mm
+
+    def line(ends: tuple[Vector, Vector]) -> tuple[Vector, Vector]:
+        (x0, y0, z0), (x1, y1, z1) = ends
+        return (x0, y0 - down, z0 + out), (x1 * wide, y1 - down, z1 + out)
+
+    d = union(d, ellipsoid(p, (0, -56 - down, 66 + out), (30 * wide, 20, 19)), 14)
+    d = d + 1.8 * bump(p, (0, -42 - down, 86 + out), 5)  # the groove between nose and lip
+    d = union(d, capsule(p, line(((0, -52.5, 83.5), (23, -57.5, 74))), (4.4 * full, 2.2)), 3)
+    d = union(d, capsule(p, line(((0, -62, 82.5), (20, -59.5, 75))), (5.4 * full, 2.4)), 3)
+    d = carve(d, capsule(p, line(((0, -57, 89.5), (23, -58.3, 78.5))), (1.5, 0.7)), 2.5)
+    return d + 3.2 * bump(p, (0, -75 - 0.75 * person.face_length_mm, 80 + out), 9)  # the hollow above the chin
 
 
-def _ears(d: Array, p: Points, person: _Proportions) -> Array:
+def _ears(d: Array, p: Points, person: Proportions) -> Array:
     size = person.ears
-    x, y, z = p[0] - np.float32(77), p[1] - np.float32(2), p[2] + np.float32(14)
-    lean, out, scale = np.float32(0.22), np.float32(0.28), np.float32(1 / size)
+    x, y, z = p[0] - np.float32(77), p[1] - np.float32(2 + person.ears_up_mm), p[2] + np.float32(14)
+    lean, out = np.float32(0.22 + person.ears_lean), np.float32(0.28 + person.ears_out)
+    scale = np.float32(1 / size)
     q = ((x + out * z) * scale, (y - lean * z) * scale, (z + lean * y) * scale)
     ear = ellipsoid(q, (0, 0, 0), (6.5, 32, 19))
     ear = carve(ear, ellipsoid(q, (7.5, 4, 2), (6.5, 22, 12)), 3)
     ear = union(ear, ellipsoid(q, (1, -2, 11), (4, 6, 4)), 4)
-    return union(d, size * ear, 6)
+    return union(d, np.float64(size) * ear, 6)  # in double precision ever since: today's face stays to the bit
 
 
-def _albedo(points: Array, person: _Proportions) -> Float32Array:
+def _albedo(points: Array, person: Proportions) -> Float32Array:
     """Return skin that is 1, with darker lips, brows and irises, and a scalp a little darker."""
     p = (np.abs(points[:, 0]) / np.float32(person.width), points[:, 1], points[:, 2])
-    x = 31 * person.eyes
+    x, down = np.float64(31 * person.eyes), person.mouth_down_mm
     front = p[2] > 40
     tint = np.ones(len(points), np.float32)
-    tint -= 0.25 * _step(-ellipsoid(p, (0, -57.5, 80), (24, 9 * person.lips, 16)), 1.0) * front
+    lips = ellipsoid(p, (0, -57.5 - down, 80), (24 * person.mouth_width, 9 * person.lips, 16))
+    tint -= 0.25 * _step(-lips, 1.0) * front
     brow = _step(-capsule(p, ((10, 31, 78), (42, 34, 62)), (4.5, 3.0)) + 3.0, 1.2)
     tint -= 0.35 * brow * front
     tint -= 0.45 * _step(5.5 - np.hypot(p[0] - x, p[1] - 13), 0.6) * front
