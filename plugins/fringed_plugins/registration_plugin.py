@@ -35,7 +35,7 @@ class _PairParams(Params, frozen=True, kw_only=True):
 
     points: Annotated[int, Meta(ge=500, le=2_000_000, description="most smoothed points of the last stage")] = 40_000
     iterations: Annotated[
-        int, Meta(ge=0, le=1000, description="most iterations of each stage; 0: the method's own, 12 to 100")
+        int, Meta(ge=0, le=1000, description="most iterations of each stage; 0: the method's own, 20 to 100")
     ] = 0
     min_overlap: Annotated[float, Meta(ge=0.0, le=1.0, description="least part of the model on the reference")] = 0.2
     max_rms_mm: Annotated[

@@ -23,9 +23,9 @@ from fringed_plugins.registration.transforms import FloatArray, orthonormal
 MIN_FEET = 60
 STILL = 0.02  # of the motion's own standard error
 SWING = 0.2  # the same for three motions in a row: feet at the rim come and go
-ITERATIONS = 12
+ITERATIONS = 20
 EXACT = 1e-7  # of the extent: motions below are rounding
-STALLED = 2e-6  # of the extent: motions below that no longer shrink, where noise is none
+STALLED = 3e-7  # of the extent: motions below that no longer shrink, where noise is none
 
 
 @dataclass(frozen=True)

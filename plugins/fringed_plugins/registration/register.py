@@ -50,7 +50,7 @@ class Options:
     search: bool = True
     medium_points: int = 6000
     fine_points: int = 40000
-    fine_iterations: int = 12
+    fine_iterations: int = 20
     medium: Settings = field(default_factory=lambda: Settings(iterations=40, still=3e-3, stage="medium"))
     limits: Limits = field(default_factory=Limits)
     threads: int = 1
