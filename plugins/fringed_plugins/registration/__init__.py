@@ -3,13 +3,18 @@
 Small parts that compose, so that a family of methods can share them:
 
     surface     range image -> decimated levels with normals, boundaries and noise
+    patches     a smooth quadratic patch for every pixel, with its curvatures
     starts      first guesses: principal axes, turns about the image's axes
+    invariant   a coarse stage by place and principal curvatures
+    describing  guesses by local shape, whatever the turn
     coarse      a tournament of the guesses on few points
     matching    closest points on a level
     rejection   which pairs count: Zhang's adaptive limit, boundaries, normals, Tukey's weights
     minimisers  the rigid motion of matched points: SVD, unit quaternion, dual quaternion
     plane       one linearised step of the point-to-plane and symmetric errors, and its information
     icp         the loop around them
+    projective  the last stage: all points, foot to foot on patches
+    family      the methods of the literature, composed of policies
     verify      whether the result can be believed
     register    all of it for one pair of views
     footpoints  full-resolution foot points of one view's points on another view
