@@ -66,8 +66,11 @@ def heads(folder: Path = FOLDER, count: int = COUNT, resolution: float = RESOLUT
     wanted = [(variant, angle) for variant in range(1, count + 1) for angle in ANGLES_DEG]
     started, views = time.perf_counter(), []
     for number, (variant, angle) in enumerate(wanted, 1):
-        path = folder / f"head-{variant:03d}{angle:+03d}-{resolution:g}-{fingerprint()}.npz"
+        name = f"head-{variant:03d}{angle:+03d}-{resolution:g}"
+        path = folder / f"{name}-{fingerprint()}.npz"
         if not path.exists():
+            for stale in folder.glob(f"{name}-*.npz"):
+                stale.unlink()
             keep(path, scan(variant, angle, resolution))
             say(f"scanned {number} of {len(wanted)}, {time.perf_counter() - started:.0f} s")
         views.append(load(path))
