@@ -1,0 +1,10 @@
+"""Many views to one model: what pairs say, and what all surfaces say together.
+
+    motions  small motions on SE(3): logarithm, adjoint, Jacobian, the point about which a covariance turns
+    graph    views and registered pairs: trees, loops and what they contradict
+    poses    the poses that agree best with all pairs, robustly
+    pairing  two surfaces foot to foot, as normal equations of both views' motions
+    joint    all poses at once on the surfaces themselves
+
+Knows nothing of the daemon, of plug-ins or of files.
+"""
