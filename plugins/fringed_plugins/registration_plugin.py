@@ -21,6 +21,7 @@ from fringed_plugins.registration.family.method import Method
 from fringed_plugins.registration.family.pair import register_by
 from fringed_plugins.registration.family.presets import METHODS
 from fringed_plugins.registration.merging import merge
+from fringed_plugins.registration.network import close_loops
 from fringed_plugins.registration.register import Options, register
 from fringed_plugins.registration.result import Alignment, Iteration, Report
 from fringed_plugins.registration.surface import Surface, prepare
@@ -154,8 +155,8 @@ class Merge:
     """Register views in sequence and integrate them in one model without redundancy."""
 
     name: ClassVar[str] = "merge"
-    version: ClassVar[str] = "1.0.0"
-    summary: ClassVar[str] = "neighbouring views registered and chained, overlaps fused by how well each is seen"
+    version: ClassVar[str] = "2.0.0"
+    summary: ClassVar[str] = "views registered and chained, loops closed, overlaps fused by how well each is seen"
     inputs: ClassVar[Mapping[str, Any]] = {"views": (RangeImage,), "registrations": (Registration,)}
     optional: ClassVar[frozenset[str]] = frozenset({"registrations"})
     output: ClassVar[type] = Model
@@ -164,6 +165,9 @@ class Merge:
         """Parameters of `merge`."""
 
         reference: Annotated[int, Meta(ge=0, le=254, description="view whose frame the model takes")] = 0
+        close_loops: Annotated[
+            bool, Meta(description="register every pair that overlaps, and share out what the loops do not close")
+        ] = True
         require_convergence: Annotated[
             bool, Meta(description="false: a view that registers nowhere is left out and said to be")
         ] = True
@@ -197,12 +201,14 @@ class Merge:
                 params.reference,
                 _known(views, given),
                 params.require_convergence,
-                lambda part, text: report(0.6 * part, text),
+                lambda part, text: report(0.4 * part, text),
             )
             for link in linked.links:
                 if not link.alignment.converged:
                     name = f"view {link.view} ({views[link.view].id})"
                     context.log("warning", f"{name} is left out of the model: {link.alignment.reason}")
+            if params.close_loops and len(linked.T_model_view) > 2:
+                linked = self._closed(views, surfaces, linked, params, context)
             return _merged(views, surfaces, linked, params, lambda part, text: report(0.6 + 0.4 * part, text))
         except ChainBrokenError as error:
             pair = f"view {error.view} ({views[error.view].id}) to view {error.partner} ({views[error.partner].id})"
@@ -214,6 +220,26 @@ class Merge:
             raise
         except ValueError as error:
             raise DataError(f"cannot merge: {error}") from error
+
+    def _closed(
+        self, views: Sequence[RangeImage], surfaces: Sequence[Surface], linked: Chain, params: Any, context: Context
+    ) -> Chain:
+        """Return the chain with poses in which all pairs that overlap have their say."""
+        report = _report(context)
+        links = {(link.partner, link.view): link.alignment for link in linked.links if link.alignment.converged}
+        network = close_loops(
+            surfaces, linked.T_model_view, links, params.options(context.threads),
+            lambda part, text: report(0.4 + 0.2 * part, text),
+        )  # fmt: skip
+        for edge in network.refused:
+            context.log(
+                "warning",
+                f"view {edge.j} ({views[edge.j].id}) to view {edge.i} ({views[edge.i].id}) contradicts all others and "
+                "is left out of the loops",
+            )
+        before, after = network.before[1], network.closed[1]
+        context.log("info", f"{len(network.edges)} pairs: loops off by {before:.4f} mm, {after:.4f} mm shared out")
+        return replace(linked, T_model_view=network.T_model_view)
 
 
 def _known(views: Sequence[RangeImage], given: Sequence[Registration]) -> dict[tuple[int, int], Alignment]:
