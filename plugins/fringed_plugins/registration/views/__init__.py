@@ -3,6 +3,7 @@
     motions  small motions on SE(3): logarithm, adjoint, Jacobian, the point about which a covariance turns
     graph    views and registered pairs: trees, loops and what they contradict
     poses    the poses that agree best with all pairs, robustly
+    robust   the least squares behind them, on SE(3)
     pairing  two surfaces foot to foot, as normal equations of both views' motions
     joint    all poses at once on the surfaces themselves
 
