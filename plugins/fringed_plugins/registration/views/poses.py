@@ -176,28 +176,39 @@ def _order(edges: Sequence[Edge], kept: Sequence[int], cycles: Sequence[Loop], l
 
 
 def _worst(edges: Sequence[Edge], kept: Sequence[int], found: Minimum, limit: float) -> int | None:
-    """Return the edge that contradicts most and lies in a loop, None where none does."""
+    """Return the edge that contradicts most and lies in a loop, None where none does.
+
+    Of edges in a row that only one loop holds nobody can tell which one is wrong: the weakest of them goes.
+    """
     for at in np.argsort(-found.mahalanobis2):
         if found.mahalanobis2[at] <= limit:
             return None
         k = int(kept[int(at)])
-        edge = edges[k]
-        if path(edges, [other for other in kept if other != k], edge.i, edge.j):
-            return k
+        if _way_back(edges, kept, k):
+            return min([k, *_alike(edges, kept, k)], key=lambda other: strength(edges[other]))
     return None
+
+
+def _way_back(edges: Sequence[Edge], kept: Sequence[int], k: int) -> list[int]:
+    """Return the other edges of the shortest loop through edge `k`, empty where there is none."""
+    return path(edges, [other for other in kept if other != k], edges[k].j, edges[k].i)
+
+
+def _alike(edges: Sequence[Edge], kept: Sequence[int], k: int) -> list[int]:
+    """Return the edges that lie in no loop without edge `k`: one of them may be wrong in its place."""
+    others = [other for other in kept if other != k]
+    return [other for other in _way_back(edges, kept, k) if not _way_back(edges, others, other)]
 
 
 def _contradiction(edges: Sequence[Edge], kept: Sequence[int], out: int, distance2: float, inflation: float) -> str:
     """Return why an edge was dropped, and which others may be wrong in its place."""
-    others = [k for k in kept if k != out]
-    way = path(edges, others, edges[out].j, edges[out].i)
-    loop = _open_loop(edges, out, way)
     text = f"pair {edges[out].name} contradicts the others by {np.sqrt(distance2) / inflation:.3g} standard deviations"
-    lone = [k for k in way if not path(edges, [a for a in others if a != k], edges[k].i, edges[k].j)]
-    if lone:
-        names = ", ".join(edges[k].name for k in lone)
-        text += f"; {loop}, and no second loop tells whether one of {names} is wrong instead: check these pairs"
-    return text
+    alike = _alike(edges, kept, out)
+    if not alike:
+        return text
+    names = ", ".join(edges[k].name for k in alike)
+    loop = _open_loop(edges, out, _way_back(edges, kept, out))
+    return f"{text}; {loop}, and no second loop tells whether one of {names} is wrong instead: check these pairs"
 
 
 def _open_loop(edges: Sequence[Edge], out: int, way: Sequence[int]) -> str:
