@@ -107,7 +107,7 @@ def cloud_features(
     (np.float64(-1.0), array([0., 0., 1.]), 80)
     """
     given = _checked(points, neighbours, sigma)
-    known: BoolArray = np.isfinite(given).all(axis=1)
+    known = np.asarray(np.isfinite(given).all(axis=1), np.bool_)
     keep, group = _distinct(given[known])
     rows = np.flatnonzero(known)[keep]
     if len(rows) <= neighbours:
