@@ -5,6 +5,7 @@
     poses    the poses that agree best with all pairs, robustly
     robust   the least squares behind them, on SE(3)
     pairing  two surfaces foot to foot, as normal equations of both views' motions
+    holding  steps of many poses, and whether the surfaces hold them
     joint    all poses at once on the surfaces themselves
 
 Knows nothing of the daemon, of plug-ins or of files.

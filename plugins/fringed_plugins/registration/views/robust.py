@@ -47,6 +47,25 @@ def kernel(mahalanobis2: FloatArray, limit: float) -> tuple[FloatArray, FloatArr
     return np.where(mahalanobis2 <= limit, mahalanobis2, far), s**2
 
 
+class Sums:
+    """Normal equations H (6 n, 6 n) and g (6 n,) of the small motions of n `views`; others stand still."""
+
+    def __init__(self, views: Sequence[int]) -> None:
+        self.place = {view: 6 * n for n, view in enumerate(views)}
+        self.H, self.g = np.zeros((6 * len(views), 6 * len(views))), np.zeros(6 * len(views))
+
+    def add(self, i: int, j: int, information: FloatArray, pull: FloatArray) -> None:
+        """Add what a pair says of its views' small motions d: `information` and `pull` of d_j - d_i."""
+        a, b = self.place.get(i), self.place.get(j)
+        for at, sign in ((a, -1.0), (b, 1.0)):
+            if at is not None:
+                self.H[at : at + 6, at : at + 6] += information
+                self.g[at : at + 6] += sign * pull
+        if a is not None and b is not None:
+            self.H[a : a + 6, b : b + 6] -= information
+            self.H[b : b + 6, a : a + 6] -= information
+
+
 class System:
     """The edges of these numbers as a least-squares problem; view `reference` stays.
 
@@ -67,20 +86,11 @@ class System:
         self, poses: dict[int, FloatArray], small: FloatArray, weights: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return H (6 n, 6 n) and g (6 n,) of all poses but the reference's, in the order of `poses`."""
-        place = {view: 6 * n for n, view in enumerate(view for view in poses if view != self.reference)}
-        H, g = np.zeros((6 * len(place), 6 * len(place))), np.zeros(6 * len(place))
+        sums = Sums([view for view in poses if view != self.reference])
         for edge, e, W, w in zip(self.edges, small, self.weights, weights, strict=True):
-            J = after(e) @ adjoint(inverse(poses[edge.i]))  # of pose j; of pose i with the other sign
-            information, pull = w * J.T @ W @ J, w * J.T @ W @ e
-            i, j = place.get(edge.i), place.get(edge.j)
-            for a, sign in ((i, -1.0), (j, 1.0)):
-                if a is not None:
-                    H[a : a + 6, a : a + 6] += information
-                    g[a : a + 6] += sign * pull
-            if i is not None and j is not None:
-                H[i : i + 6, j : j + 6] -= information
-                H[j : j + 6, i : i + 6] -= information
-        return H, g
+            J = after(e) @ adjoint(inverse(poses[edge.i]))
+            sums.add(edge.i, edge.j, w * J.T @ W @ J, w * J.T @ W @ e)
+        return sums.H, sums.g
 
     def covariances(self, found: Minimum) -> FloatArray:
         """Return the poses' covariances (n, 6, 6) but the reference's, in the order of `found.poses`."""

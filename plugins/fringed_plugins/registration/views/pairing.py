@@ -1,0 +1,210 @@
+"""Overlapping surfaces as normal equations of their relative motion: by closest points, and foot to foot.
+
+Owns one view's samples, where they fall on the others, and the sums over them. Knows no poses but those it is
+given, relative between the surfaces' origins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from fringed_plugins.registration.icp import MIN_PAIRS, Settings, pair, weigh
+from fringed_plugins.registration.matching import ClosestPoint
+from fringed_plugins.registration.patch_kernels import SUMS, accumulate, walk
+from fringed_plugins.registration.patches import WINDOWS_PX, Array, Patches, patches, quadratic
+from fringed_plugins.registration.plane import information, jacobian
+from fringed_plugins.registration.rejection import TUKEY, mad_scale
+from fringed_plugins.registration.surface import LEAST_COSINE, Surface
+from fringed_plugins.registration.transforms import FloatArray
+
+MIN_FEET = 60
+NEAR = 3.0  # resolutions
+MOST_PIXELS = 150_000
+STEADY = 0.05  # standard deviation of slopes
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a pair says of the small motion of its model, in the reference's frame about its origin.
+
+    `H` (6, 6) and `g` (6,) of half the squared residuals over their variance, `weight` the sum of its inverses;
+    `rms_mm` and `expected_mm`, from the noise alone, of the `count` pairs.
+    """
+
+    H: FloatArray
+    g: FloatArray
+    weight: float
+    count: int
+    rms_mm: float
+    expected_mm: float
+
+
+Sayings = dict[tuple[int, int], Said]  # by (reference, model)
+
+
+def by_closest_points(reference: Surface, model: Surface, T: FloatArray, points: int, threads: int) -> Said | None:
+    """Return what levels of about `points` say; None where they hardly meet."""
+    p, q = reference.level(points), model.level(points)
+    pairs = pair(p, q, T, ClosestPoint(p, threads), Settings())
+    if len(pairs) < MIN_PAIRS:
+        return None
+    weights, _ = weigh(pairs, 1e-6 * p.spacing_mm)
+    rows = jacobian(0.5 * (pairs.points + pairs.partners), pairs.normals)
+    g = np.einsum("ni,n->i", rows, weights * pairs.residual_mm)
+    rms = float(np.sqrt(np.average(pairs.residual_mm**2, weights=weights)))
+    return Said(
+        information(rows, weights),
+        g,
+        float(weights.sum()),
+        len(pairs),
+        rms,
+        float(np.sqrt(np.median(pairs.variance_mm2))),
+    )
+
+
+class View:
+    """Samples of one view's patches; `worth` is how many points' information each of them has."""
+
+    def __init__(self, patches: Patches, most_points: int) -> None:
+        self.patches = patches
+        self.samples, pixels, stands_for = patches.sample(most_points)
+        self.variance = variance_at(patches, pixels, self.samples[:, 3:6])
+        self.worth = worth(patches.window_px, round(float(np.sqrt(stands_for))))
+        self.middle = self.samples[:, :3].mean(0)
+        self.radius = float(np.sqrt(((self.samples[:, :3] - self.middle) ** 2).sum(1).mean()))
+
+    @property
+    def slope_noise(self) -> float:
+        """The standard deviation of a patch's slope."""
+        return slope_noise(self.patches.surface, self.patches.window_px)
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+
+def sharp_patches(surface: Surface) -> Patches:
+    """Return patches of the smallest window whose normals are steady enough.
+
+    A wide window is steadier, but what it cuts off a curved surface differs from view to view with the slope: with
+    many views that bias is what is left of the error. At most `MOST_PIXELS` patches, of means where there are more.
+    """
+    thin = surface.thinned(MOST_PIXELS)
+    for window in WINDOWS_PX[::-1]:
+        if slope_noise(thin, window) < STEADY:
+            break
+    try:
+        return patches(thin, window)
+    except ValueError:  # too torn for it
+        return patches(thin)
+
+
+def slope_noise(surface: Surface, window_px: int) -> float:
+    """Return the standard deviation of slopes from windows of this side."""
+    half = np.arange(window_px) - window_px // 2
+    return surface.noise_mm / (surface.spacing_mm * float(np.sqrt(window_px * (half @ half))))
+
+
+def worth(window_px: int, stride_px: int) -> float:
+    """Return how many points' information on slow changes one of the smoothed points at each stride-th pixel has.
+
+    A sum over samples weighs a pixel by the windows that it lies in: even weights lose nothing.
+
+    Examples
+    --------
+    >>> round(worth(7, 1), 6), round(worth(7, 3), 1), round(worth(3, 3), 1)
+    (1.0, 6.6, 1.8)
+    """
+    u = np.arange(window_px, dtype=np.float64) - window_px // 2
+    w = quadratic(window_px)[0]
+    weights = w[0] + w[1] * u[:, None] ** 2 + w[2] * u[None] ** 2
+    place = np.arange(window_px) % stride_px
+    summed = np.zeros((stride_px, stride_px))
+    np.add.at(summed, (place[:, None], place[None]), weights)
+    return float(1 / (summed**2).sum())
+
+
+@dataclass
+class Meeting:
+    """Samples of `model` on the patches of `reference`: `found` (n,) flat pixels or -1, `rows` (n, 8) as `walk` has."""
+
+    reference: View
+    model: View
+    found: npt.NDArray[np.int64] = field(init=False)
+    rows: FloatArray = field(init=False)
+    scale: float = field(init=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        self.found = np.full(len(self.model), -1, np.int64)
+        self.rows = np.empty((len(self.model), 8))
+
+    def meet(self, T: FloatArray) -> npt.NDArray[np.bool_]:
+        """Walk to the feet at `T`, and return which samples count (n,): all False where they are too few."""
+        fixed = self.reference.patches
+        walk(self.model.samples, np.vstack([T, fixed.projection]), fixed.table, fixed.usable, self.found, self.rows)
+        met = self.found >= 0
+        if int(met.sum()) < MIN_FEET:
+            self.found[:] = -1
+            return np.zeros(len(met), np.bool_)
+        self.scale = max(mad_scale(self.rows[met, 6]), 1e-9 * fixed.surface.spacing_mm)
+        counts: npt.NDArray[np.bool_] = met & (np.abs(np.where(met, self.rows[:, 6], np.inf)) < TUKEY * self.scale)
+        return counts
+
+    def say(self, counts: npt.NDArray[np.bool_], seen_by: FloatArray) -> Said | None:
+        """Return what the samples that count say; each is seen by `seen_by` (n,) views, itself included.
+
+        Every pair of views is asked in both directions, and k views of a point make k (k - 1) / 2 pairs of k - 1
+        independent distances: the variance is taken k times, twice the half of k.
+        """
+        at = np.flatnonzero(counts)
+        if len(at) < MIN_FEET:
+            return None
+        fixed = self.reference.patches
+        own = self.model.variance[at]
+        other = variance_at(fixed, self.found[at], self.rows[at, 3:6])
+        expected2 = fixed.gain * float(np.median(own + other))
+        # a point of the reference meets as many of the model's as lie in its area
+        single = own + other * (self.rows[at, 7] / self.model.samples[at, 6])
+        more = max(self.scale**2 - expected2, 0.0) / fixed.gain  # what noise does not explain
+        variance = np.full(len(self.model), np.inf)
+        variance[at] = (single + more + 1e-30) * seen_by[at]
+        sums = np.zeros(SUMS)
+        accumulate(self.found, self.rows, variance, self.scale, 0.0, sums)
+        H = np.zeros((6, 6))
+        H[np.triu_indices(6)] = sums[:21]
+        H = (H + np.triu(H, 1).T) * self.model.worth
+        rms = float(np.sqrt(sums[28] / sums[27])) if sums[27] > 0 else float("inf")
+        each = self.model.worth
+        return Said(H, sums[21:27] * each, float(sums[27]) * each, len(at), rms, float(np.sqrt(expected2)))
+
+
+def variance_at(side: Patches, pixels: Array, normals: FloatArray) -> FloatArray:
+    """Return the variance along the normal (n,) of single points at flat `pixels` (n,)."""
+    sigma = np.asarray(side.surface.noise_mm if side.surface.sigma is None else side.surface.sigma.reshape(-1)[pixels])
+    ray = side.table.reshape(-1, 15)[pixels, :3] + side.surface.origin
+    length = np.sqrt(np.einsum("ij,ij->i", ray, ray))
+    cosine = np.abs(np.einsum("ij,ij->i", ray, normals)) / np.maximum(length, 1e-12)
+    variance: FloatArray = np.asarray((sigma * np.maximum(cosine, LEAST_COSINE)) ** 2, np.float64)
+    return variance
+
+
+def share(reference: View, model: View, T: FloatArray) -> float:
+    """Return the part of the model's samples that lie on the reference within some resolutions, at `T`."""
+    meeting = Meeting(reference, model)
+    meeting.meet(T)
+    met = meeting.found >= 0
+    near = np.abs(meeting.rows[met, 6]) < NEAR * reference.patches.surface.spacing_mm
+    return float(near.sum()) / max(len(met), 1)
+
+
+def count_of(said: Sayings) -> int:
+    """Return how many pairs of points all pairs of views have."""
+    return sum(one.count for one in said.values())
+
+
+def rms_of(said: Sayings) -> float:
+    """Return the RMS distance over all of them, infinite where there are none."""
+    squares = sum(one.count * one.rms_mm**2 for one in said.values())
+    return float(np.sqrt(squares / count_of(said))) if said else float("inf")
