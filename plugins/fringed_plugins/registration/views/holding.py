@@ -39,3 +39,13 @@ def step(H: FloatArray, g: FloatArray) -> FloatArray:
     along = vectors.T @ (g / scale)
     small: FloatArray = -(vectors @ np.where(values > HELD, along / np.maximum(values, HELD), 0.0)) / scale
     return small
+
+
+def inverted(H: FloatArray) -> FloatArray | None:
+    """Return the inverse of normal equations, None where a direction is not held."""
+    scale = np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    values, vectors = eigen(H / np.outer(scale, scale))
+    if values[0] <= HELD:
+        return None
+    C: FloatArray = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    return C

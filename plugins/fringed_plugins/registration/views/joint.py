@@ -15,9 +15,18 @@ from fringed_plugins.registration.plane import motion
 from fringed_plugins.registration.result import Iteration, Report, silent
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, checked, inverse, orthonormal, translation
-from fringed_plugins.registration.views.holding import HELD, eigen, held, step
+from fringed_plugins.registration.views.holding import held, inverted, step
 from fringed_plugins.registration.views.motions import adjoint
-from fringed_plugins.registration.views.pairing import Meeting, Sayings, View, by_closest_points, share, sharp_patches
+from fringed_plugins.registration.views.pairing import (
+    Meeting,
+    Sayings,
+    View,
+    by_closest_points,
+    count_of,
+    overlapping,
+    rms_of,
+    sharp_patches,
+)
 from fringed_plugins.registration.views.robust import Sums
 
 STILL = 0.05  # of the motions' own standard errors
@@ -25,7 +34,6 @@ SWING = 0.3  # the same for three steps in a row: feet at the rim come and go
 EXACT = 1e-7  # of the extent: motions below are rounding
 WORSE = 1.02  # of the start's residual: feet come and go
 LOST = 0.8  # of the start's pairs
-FEW = 1500  # samples a view that tell which views overlap
 
 Poses = dict[int, FloatArray]
 Pairs = Sequence[tuple[int, int]]
@@ -153,6 +161,7 @@ class _Refinement:
         self, surfaces: Sequence[Surface], poses: Mapping[int, FloatArray], reference: int, wish: Wish, report: Report
     ) -> None:
         self.surfaces, self.reference, self.wish, self.report = surfaces, reference, wish, report
+        self.T_reference = poses[reference]
         self.middle = np.mean([(T @ np.append(surfaces[view].origin, 1.0))[:3] for view, T in poses.items()], axis=0)
         self.start = {
             view: translation(-self.middle) @ T @ translation(surfaces[view].origin) for view, T in poses.items()
@@ -167,7 +176,11 @@ class _Refinement:
         for number, view in enumerate(sorted(self.start)):
             self.report(0.2 * number / len(self.start), f"patches of the {self.surfaces[view].name}")
             self.views[view] = View(sharp_patches(self.surfaces[view]), self.wish.fine_points)
-        known = self._overlapping() if pairs is None else sorted({(min(p), max(p)) for p in pairs})
+        known = (
+            overlapping(self.views, self.start, self.wish.least_share, self.report)
+            if pairs is None
+            else sorted({(min(p), max(p)) for p in pairs})
+        )
         if not known:
             raise ValueError(
                 f"no two views overlap by {self.wish.least_share:.0%} where their poses put them; "
@@ -193,19 +206,6 @@ class _Refinement:
             self._full(reached), self.order, covariance if converged else None, _fits(said), first, rms_of(said),
             converged, loose or reason, tuple(self.history),
         )  # fmt: skip
-
-    def _overlapping(self) -> list[tuple[int, int]]:
-        """Return the pairs of views of which one lies on the other by the least share."""
-        names = sorted(self.start)
-        few = {view: View(self.views[view].patches, FEW) for view in names}
-        found: list[tuple[int, int]] = []
-        for b in names:
-            self.report(0.2, f"overlaps of the {self.surfaces[b].name}")
-            for a in names[: names.index(b)]:
-                T = inverse(self.start[a]) @ self.start[b]
-                if max(share(few[a], few[b], T), share(few[b], few[a], inverse(T))) >= self.wish.least_share:
-                    found.append((a, b))
-        return found
 
     def _coarse(self, poses: Poses, pairs: Pairs) -> Sayings:
         """Return what closest points say of every pair."""
@@ -272,10 +272,8 @@ class _Refinement:
     def _full(self, poses: Poses) -> Poses:
         """Return the poses between the views' own frames and the reference's."""
         back = translation(self.middle)
-        return {
-            view: back @ T @ translation(-self.surfaces[view].origin) if view != self.reference else np.eye(4)
-            for view, T in poses.items()
-        }
+        full = {view: back @ T @ translation(-self.surfaces[view].origin) for view, T in poses.items()}
+        return full | {self.reference: self.T_reference}
 
     def _covariance(self, poses: Poses, said: Sayings) -> tuple[FloatArray | None, str]:
         """Return the joint covariance about the model's origin, or which view nothing holds."""
@@ -289,11 +287,9 @@ class _Refinement:
                     f"the {self.surfaces[view].name} is not held in every direction by the others "
                     f"(information {found:.1e}, needed {needed:.1e})"
                 )
-        scale = np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-        values, vectors = eigen(H / np.outer(scale, scale))
-        if values[0] <= HELD:
+        C = inverted(H)
+        if C is None:
             return None, "views are held among each other, but not by the reference"
-        C: FloatArray = (vectors / values) @ vectors.T / np.outer(scale, scale)
         J = np.kron(np.eye(len(self.order)), adjoint(translation(self.middle)))
         covariance: FloatArray = J @ C @ J.T
         return 0.5 * (covariance + covariance.T), ""

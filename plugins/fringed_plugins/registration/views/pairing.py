@@ -6,6 +6,7 @@ given, relative between the surfaces' origins.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,12 +18,14 @@ from fringed_plugins.registration.patch_kernels import SUMS, accumulate, walk
 from fringed_plugins.registration.patches import WINDOWS_PX, Array, Patches, patches, quadratic
 from fringed_plugins.registration.plane import information, jacobian
 from fringed_plugins.registration.rejection import TUKEY, mad_scale
+from fringed_plugins.registration.result import Report
 from fringed_plugins.registration.surface import LEAST_COSINE, Surface
-from fringed_plugins.registration.transforms import FloatArray
+from fringed_plugins.registration.transforms import FloatArray, inverse
 
 MIN_FEET = 60
 NEAR = 3.0  # resolutions
 MOST_PIXELS = 150_000
+FEW = 1500  # samples a view that tell which views overlap
 STEADY = 0.05  # standard deviation of slopes
 
 
@@ -188,6 +191,21 @@ def variance_at(side: Patches, pixels: Array, normals: FloatArray) -> FloatArray
     cosine = np.abs(np.einsum("ij,ij->i", ray, normals)) / np.maximum(length, 1e-12)
     variance: FloatArray = np.asarray((sigma * np.maximum(cosine, LEAST_COSINE)) ** 2, np.float64)
     return variance
+
+
+def overlapping(
+    views: Mapping[int, View], poses: Mapping[int, FloatArray], least_share: float, report: Report
+) -> list[tuple[int, int]]:
+    """Return the pairs of views of which one lies on the other by the least share, where the poses put them."""
+    few = {view: View(one.patches, FEW) for view, one in views.items()}
+    found: list[tuple[int, int]] = []
+    for b in sorted(few):
+        report(0.2, f"overlaps of the {few[b].patches.surface.name}")
+        for a in sorted(few):
+            T = inverse(poses[a]) @ poses[b]
+            if a < b and max(share(few[a], few[b], T), share(few[b], few[a], inverse(T))) >= least_share:
+                found.append((a, b))
+    return found
 
 
 def share(reference: View, model: View, T: FloatArray) -> float:
