@@ -87,7 +87,7 @@ def cloud_features(
     sigma
         standard deviation of a point along the normal in the points' unit; estimated when left out.
     report
-        called between steps with how much is done, at most 0.2 s apart up to 100,000 points; may raise.
+        called at least every 0.2 s with how much is done, a little later from a million points on; may raise.
 
     Raises
     ------
@@ -118,8 +118,7 @@ def cloud_features(
     distinct = np.ascontiguousarray(given[rows])
     out, near, resolution = _fitted(distinct, neighbours, threads, report)
     if viewpoint is None:
-        report(0.75, "orienting normals")
-        sign = consistent(distinct, out[:, 2:5], near)
+        sign = consistent(distinct, out[:, 2:5], near, lambda done, text: report(0.7 + 0.25 * done, text))
     else:
         sign = towards(distinct, out[:, 2:5], _viewpoints(viewpoint, len(given))[rows])
     report(0.95, "noise of curvatures")
