@@ -215,6 +215,7 @@ def test_level_refuses_normals_of_other_points_and_wires():
         ({"neighbours": 60}, "need 61"),
         ({"sigma": -1.0}, "sigma"),
         ({"viewpoint": np.zeros(2)}, "viewpoint"),
+        ({"viewpoint": np.array([0, 0, np.inf])}, "not finite"),
     ],
 )
 def test_wrong_input_is_refused(change, message):

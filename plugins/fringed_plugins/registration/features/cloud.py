@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from fringed_plugins.registration.features.cloud_kernel import fit
 from fringed_plugins.registration.features.grid import in_units_of_noise
@@ -68,10 +68,9 @@ def cloud_features(
     sigma: float | None = None,
     report: Report = silent,
 ) -> CloudFeatures:
-    """Return normals, curvatures and boundaries of unorganised points.
+    """Return normals, curvatures and boundaries of unorganised points; coincident ones count once.
 
-    A tangent frame by principal components of the nearest neighbours, then a quadric z(x, y) by least squares in it
-    (a jet of degree 2), whose slopes correct the normal. Coincident points count once and share the result.
+    A quadric by least squares (a jet of degree 2) in a tangent frame by principal components.
 
     Parameters
     ----------
@@ -80,14 +79,13 @@ def cloud_features(
     neighbours
         how many nearest points beside a point itself, 8 to 200.
     viewpoint
-        (3,) or (n, 3) where points were seen from: normals point there. None: normals agree with each other along a
-        minimum spanning tree, and out of what they enclose.
+        (3,) or (n, 3), where normals point; None: they agree along a spanning tree, and point out.
     threads
         of the search for neighbours.
     sigma
         standard deviation of a point along the normal in the points' unit; estimated when left out.
     report
-        called at least every 0.2 s with how much is done, a little later from a million points on; may raise.
+        called every 0.2 s with how much is done, a little later from a million points on; may raise.
 
     Raises
     ------
@@ -96,8 +94,7 @@ def cloud_features(
 
     References
     ----------
-    Cazals & Pouget, Estimating differential quantities using polynomial fitting of osculating jets, CAGD 2005; Hoppe
-    et al., Surface reconstruction from unorganized points, SIGGRAPH 1992.
+    Cazals & Pouget, CAGD 22, 2005; Hoppe et al., SIGGRAPH 1992.
 
     Examples
     --------
@@ -111,17 +108,14 @@ def cloud_features(
     keep, group = _distinct(given[known])
     rows = np.flatnonzero(known)[keep]
     if len(rows) <= neighbours:
-        raise ValueError(
-            f"{len(rows)} distinct finite points of {len(given)}; {neighbours} neighbours each need "
-            f"{neighbours + 1} at least"
-        )
+        raise ValueError(f"{len(rows)} distinct finite points; {neighbours} neighbours need {neighbours + 1} at least")
     distinct = np.ascontiguousarray(given[rows])
+    seen = None if viewpoint is None else _viewpoints(viewpoint, len(given), rows)
     out, near, resolution = _fitted(distinct, neighbours, threads, report)
-    if viewpoint is None:
-        sign = consistent(distinct, out[:, 2:5], near, lambda done, text: report(0.7 + 0.25 * done, text))
+    if seen is not None:
+        sign = towards(distinct, out[:, 2:5], seen)
     else:
-        sign = towards(distinct, out[:, 2:5], _viewpoints(viewpoint, len(given))[rows])
-    report(0.95, "noise of curvatures")
+        sign = consistent(distinct, out[:, 2:5], near, lambda done, text: report(0.7 + 0.3 * done, text))
     found = _features(out, sign, neighbours + 1, (resolution, sigma, _rounding(points, distinct)))
     report(1.0, "features of the cloud")
     return found if len(rows) == len(given) else _spread_out(found, known, group)
@@ -151,7 +145,7 @@ def cloud_level(points: Array, normals: Array | None = None, viewpoint: Array | 
     rows = known[_distinct(given[known])[0]]
     _require_surface(given, known, rows)
     kept = given[rows]
-    seen = None if viewpoint is None else _viewpoints(viewpoint, len(given))[rows]
+    seen = None if viewpoint is None else _viewpoints(viewpoint, len(given), rows)
     found = cloud_features(kept.astype(np.asarray(points).dtype), viewpoint=seen, threads=threads)
     directions, interior = found.normals.copy(), ~found.boundary & found.valid
     if normals is not None:
@@ -179,11 +173,15 @@ def _checked(points: Array, neighbours: int, sigma: float | None) -> FloatArray:
     return points.astype(np.float64)
 
 
-def _viewpoints(viewpoint: Array, count: int) -> FloatArray:
+def _viewpoints(viewpoint: Array, count: int, rows: Index) -> FloatArray:
+    """Return where the points `rows` (m,) of `count` were seen from, (m, 3)."""
     given = np.asarray(viewpoint, np.float64)
-    if given.shape not in ((3,), (count, 3)) or not np.isfinite(given).any(axis=-1).all():
-        raise ValueError(f"the viewpoint has shape {given.shape}; expected (3,) or ({count}, 3) of finite numbers")
-    return np.broadcast_to(given, (count, 3))
+    if given.shape not in ((3,), (count, 3)):
+        raise ValueError(f"the viewpoint has shape {given.shape}; expected (3,) or ({count}, 3)")
+    seen: FloatArray = np.broadcast_to(given, (count, 3))[rows]
+    if not np.isfinite(seen).all():
+        raise ValueError("the viewpoint is not finite where points are; expected finite numbers, or None")
+    return seen
 
 
 def _distinct(points: FloatArray) -> tuple[Index, Index]:
@@ -231,9 +229,9 @@ def _features(out: FloatArray, sign: FloatArray, count: int, known: tuple[float,
     valid = np.isfinite(out[:, 0]) & ~boundary
     slope = float(np.median(out[valid, 8])) if valid.any() else np.nan
     if sigma is None:
-        freedom = count - 6
+        freedom = 0.5 * (count - 6)
         left = float(np.median(out[valid, 5])) if valid.any() else np.nan
-        sigma = max(left / float(np.sqrt(chi2.median(freedom) / freedom)), rounding)
+        sigma = max(left / float(np.sqrt(gammaincinv(freedom, 0.5) / freedom)), rounding)  # the median of chi^2
     turned = sign < 0
     k1, k2 = np.where(turned, -out[:, 1], out[:, 0]), np.where(turned, -out[:, 0], out[:, 1])
     s1, s2 = np.where(turned, out[:, 7], out[:, 6]), np.where(turned, out[:, 6], out[:, 7])
