@@ -59,8 +59,8 @@ def topology(faces: Array) -> Topology:
     _, times = np.unique(directed[:, 0] * count + directed[:, 1], return_counts=True)
     low, high = directed.min(1), directed.max(1)
     undirected, uses = np.unique(low * count + high, return_counts=True)
-    single, fans = bool((times == 1).all()), _fans(faces)
-    used = np.unique(faces)
+    single, used = bool((times == 1).all()), np.unique(faces)
+    fans = len(np.unique(_fans(faces))) == len(used)
     parts = len(np.unique(part_of(faces, count)[used])) if count else 0
     open_edges = int((uses == 1).sum())
     manifold = single and bool((uses <= 2).all()) and fans
@@ -75,14 +75,18 @@ def part_of(faces: Array, count: int) -> Array:
     return labels
 
 
-def _fans(faces: Array) -> bool:
-    """Tell whether the faces round each vertex hang together: corners joined over shared edges are one set each."""
+def fanned(vertices: Array, faces: Array) -> tuple[Array, Array]:
+    """Return the mesh with a vertex for every fan of faces: where two meet in a point only, it is doubled."""
+    labels = _fans(faces)
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return vertices[faces.ravel()[first]], inverse.reshape(-1, 3).astype(np.int32)
+
+
+def _fans(faces: Array) -> Array:
+    """Return for each corner (3 m,) the number of the fan that it belongs to: corners joined over shared edges."""
     m = len(faces)
-    corner = np.arange(3 * m).reshape(m, 3)
-    a = np.concatenate([faces[:, k] for k in range(3)]).astype(np.int64)
-    b = np.concatenate([faces[:, (k + 1) % 3] for k in range(3)]).astype(np.int64)
-    at_a = np.concatenate([corner[:, k] for k in range(3)])
-    at_b = np.concatenate([corner[:, (k + 1) % 3] for k in range(3)])
+    a, b = (np.concatenate([faces[:, (k + n) % 3] for k in range(3)]).astype(np.int64) for n in (0, 1))
+    at_a, at_b = (np.concatenate([3 * np.arange(m) + (k + n) % 3 for k in range(3)]) for n in (0, 1))
     flip = a > b
     key = np.where(flip, b, a) * (int(faces.max(initial=0)) + 1) + np.where(flip, a, b)
     low, high = np.where(flip, at_b, at_a), np.where(flip, at_a, at_b)
@@ -91,7 +95,8 @@ def _fans(faces: Array) -> bool:
     first, second = order[same], order[same + 1]
     i, j = np.concatenate([low[first], high[first]]), np.concatenate([low[second], high[second]])
     graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(3 * m, 3 * m))
-    return bool(connected_components(graph, directed=False)[0] == len(np.unique(faces)))
+    labels: Array = connected_components(graph, directed=False)[1]
+    return labels
 
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
