@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from fringed_plugins.registration.meshing.cubes import march, table, weld
-from fringed_plugins.registration.meshing.triangles import topology, vertex_normals
+from fringed_plugins.registration.meshing.cubes import joined, march, table, weld
+from fringed_plugins.registration.meshing.triangles import fanned, topology, vertex_normals
 
 
 def surface(values):
-    keys, first, part = march(values[None], np.zeros((1, 3), np.int64))
-    return weld(keys, first, part)
+    found = weld(*march(values[None], np.zeros((1, 3), np.int64)))
+    return found.vertices, found.faces
 
 
 def closed(values):
@@ -57,6 +57,26 @@ def test_cells_with_an_unknown_corner_are_left_out():
     found = topology(faces)
     assert found.manifold and not found.closed and found.euler == 1 and found.parts == 1
     assert vertices[:, 2].max() <= 11.0
+
+
+def test_fans_that_meet_in_a_point_are_parted():
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], float)
+    faces = np.array([[0, 1, 2], [0, 3, 4]], np.int32)
+    assert not topology(faces).manifold
+    taken, parted = fanned(faces, np.ones(5, bool))
+    assert topology(parted).manifold and len(taken) == 6
+    assert np.allclose(vertices[taken][parted], vertices[faces])
+
+
+def test_blocks_join_to_one_surface():
+    x = np.stack(np.meshgrid(*[np.arange(17.0)] * 3, indexing="ij"), axis=-1) - 7.63
+    values = np.linalg.norm(x, axis=-1) - 6.0
+    corners = [np.array([[i, j, k]]) * 8 for i in (0, 1) for j in (0, 1) for k in (0, 1)]
+    cut = [values[tuple(slice(a, a + 9) for a in corner[0])][None] for corner in corners]
+    found = joined([weld(*march(part, corner)) for part, corner in zip(cut, corners, strict=True)])
+    whole = weld(*march(values[None], np.zeros((1, 3), np.int64)))
+    assert topology(found.faces).closed and np.array_equal(found.keys, whole.keys)
+    assert not found.rim.any() and not found.parts.any() and np.allclose(found.vertices, whole.vertices)
 
 
 def test_two_cubes_that_touch_in_an_edge_stay_apart():

@@ -36,7 +36,7 @@ def coloured(
     intensity is that of the nearest vertex that one has seen.
     """
     vertices, faces = shape
-    plain = vertex_normals(vertices, faces)
+    plain = vertex_normals(vertices, faces, lambda: report(0.0, "normals"))
     total, grey, normals = np.zeros(len(vertices)), np.zeros(len(vertices)), np.zeros((len(vertices), 3))
     for number, (seen, image) in enumerate(zip(views, intensities, strict=True)):
         pixels = _on_patches(seen, image)
@@ -50,8 +50,11 @@ def coloured(
     known = total > 0
     grey[known] /= total[known]
     if known.any() and not known.all():
-        nearest = cKDTree(vertices[known]).query(vertices[~known])[1]
-        grey[~known] = grey[known][nearest]
+        tree, lost = cKDTree(vertices[known], balanced_tree=False, compact_nodes=False), np.flatnonzero(~known)
+        for start in range(0, len(lost), CHUNK):
+            report(1.0, "intensity of what nobody has seen")
+            some = lost[start : start + CHUNK]
+            grey[some] = grey[known][tree.query(vertices[some])[1]]
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(length > 0, normals / np.maximum(length, 1e-300), plain)
     return TriangleMesh(

@@ -11,12 +11,15 @@ Lorensen & Cline 1987; the ambiguity of faces: Nielson & Hamann 1991.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from fringed_plugins.registration.meshing.triangles import linked, part_of
 
 Array = npt.NDArray[Any]
 MOST_TRIANGLES = 6
@@ -114,9 +117,11 @@ def march(values: Array, corner: Array) -> tuple[Array, Array, Array]:
     Returns
     -------
     edges
-        (m, 3) int64: of each triangle's corners the lattice edge that they lie on, see `place`.
-    first, part
-        (m, 3, 3) the lattice point where the edge starts, (m, 3) where on it the field is zero.
+        (m, 3) int64: of each triangle's corners the lattice edge that they lie on.
+    vertices
+        (m, 3, 3) where on them the field is zero, in lattice units.
+    once
+        (m, 3) True once for each cell that an edge's vertex is in: four times in all, unless cells are left out.
     """
     edges, count = table()
     s = values.shape[1] - 1
@@ -141,12 +146,58 @@ def march(values: Array, corner: Array) -> tuple[Array, Array, Array]:
     there = values[block, end[..., 0], end[..., 1], end[..., 2]].astype(np.float64)
     first = at + corner[block]
     key = ((first[..., 0] << 40 | first[..., 1] << 20 | first[..., 2]) << 2) | axis
-    return key, first, np.clip(here / (here - there), _LEAST_PART, 1 - _LEAST_PART)
+    part = np.clip(here / (here - there), _LEAST_PART, 1 - _LEAST_PART)
+    return key, first + step * part[..., None], _first_times()[which[cell], number]
 
 
-def weld(keys: Array, first: Array, part: Array) -> tuple[Array, Array]:
-    """Return vertices (n, 3) in lattice units and faces (m, 3) int32 of what `march` gave, edges met only once."""
+@lru_cache(maxsize=1)
+def _first_times() -> Array:
+    """Return where in the cases' triangles an edge is named for the first time, (256, MOST_TRIANGLES, 3)."""
+    edges, _ = table()
+    flat = edges.reshape(256, -1)
+    before = (flat[:, :, None] == flat[:, None, :]) & np.tri(flat.shape[1], k=-1, dtype=np.bool_)
+    first: Array = (flat >= 0) & ~before.any(axis=2)
+    return first.reshape(edges.shape)
+
+
+@dataclass(frozen=True)
+class Welded:
+    """Edges met only once: sorted `keys` (n,), `vertices` (n, 3), faces (m, 3), in how many cells each one is.
+
+    `parts` (n,) numbers the connected parts.
+    """
+
+    keys: Array
+    vertices: Array
+    faces: Array
+    cells: Array
+    parts: Array
+
+    @property
+    def rim(self) -> Array:
+        """Which vertices (n,) lie at a cell that was left out."""
+        out: Array = self.cells < 4
+        return out
+
+
+def weld(keys: Array, vertices: Array, once: Array) -> Welded:
+    """Return what `march` gave with every edge's vertex once."""
     unique, at, inverse = np.unique(keys.ravel(), return_index=True, return_inverse=True)
-    vertices = first.reshape(-1, 3)[at].astype(np.float64)
-    vertices[np.arange(len(unique)), unique & 3] += part.ravel()[at]
-    return vertices, inverse.reshape(-1, 3).astype(np.int32)
+    cells = np.bincount(inverse.ravel(), once.ravel(), minlength=len(unique)).astype(np.int64)
+    faces = inverse.reshape(-1, 3).astype(np.int32)
+    return Welded(unique, vertices.reshape(-1, 3)[at], faces, cells, part_of(faces, len(unique)))
+
+
+def joined(parts: Sequence[Welded]) -> Welded:
+    """Return the parts of a mesh as one: quicker than welding all at once, for the parts are small by then."""
+    keys = np.concatenate([part.keys for part in parts])
+    unique, at, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    vertices = np.concatenate([part.vertices for part in parts])[at]
+    cells = np.bincount(inverse, np.concatenate([part.cells for part in parts]), minlength=len(unique))
+    offsets = np.cumsum([0, *(len(part.keys) for part in parts)])
+    faces = [inverse[offset + part.faces] for offset, part in zip(offsets, parts, strict=False)]
+    counts = np.cumsum([0, *(int(part.parts.max(initial=-1)) + 1 for part in parts)])
+    local = np.concatenate([count + part.parts for count, part in zip(counts, parts, strict=False)])
+    # the same vertex in two of them joins their parts
+    labels = linked(local, local[at][inverse], int(counts[-1]))
+    return Welded(unique, vertices, np.concatenate(faces).astype(np.int32), cells.astype(np.int64), labels[local[at]])

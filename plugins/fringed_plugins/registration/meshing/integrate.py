@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from fringed_plugins.registration.meshing.blocks import blocks_of, padded
 from fringed_plugins.registration.meshing.colouring import coloured
-from fringed_plugins.registration.meshing.cubes import march, weld
+from fringed_plugins.registration.meshing.cubes import joined, march, weld
 from fringed_plugins.registration.meshing.distances import SIDE
 from fringed_plugins.registration.meshing.filling import closed, membrane
-from fringed_plugins.registration.meshing.triangles import TriangleMesh, compact, fanned, part_of
+from fringed_plugins.registration.meshing.triangles import TriangleMesh, compact, fanned
 from fringed_plugins.registration.meshing.volume import (
     NOISES,
     Seen,
@@ -95,18 +95,22 @@ def integrate(
     if watertight:
         field = membrane(views, origin, size, _between(report, 0.5, 0.6), threads)
         volume = closed(volume, field, _between(report, 0.6, 0.7))
-    vertices, faces = triangles_of(volume, _between(report, 0.7, 0.8))
-    if not len(faces):
-        raise ValueError("no view sees a surface wide enough for a triangle: take a smaller voxel, or fuller masks")
+    vertices, faces, parts = triangles_of(volume, _between(report, 0.7, 0.8))
     reach = max(0.5 * size, NOISES * max(seen.patches.surface.noise_mm for seen in views))
-    mesh = coloured(fanned(vertices, faces), views, intensities, reach, _between(report, 0.8, 1.0))
-    mesh = _without_specks(mesh, watertight)
+    mesh = coloured((vertices, faces), views, intensities, reach, _between(report, 0.8, 1.0))
+    mesh = _without_specks(mesh, parts, watertight)
     report(1.0, f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} triangles")
     return mesh
 
 
-def triangles_of(volume: Volume, report: Report) -> tuple[FloatArray, Array]:
-    """Return vertices (n, 3) in the model's frame and faces (m, 3) of a volume's zero surface."""
+def triangles_of(volume: Volume, report: Report) -> tuple[FloatArray, Array, Array]:
+    """Return vertices (n, 3) in the model's frame, faces (m, 3) and parts (n,) of a volume's zero surface.
+
+    Raises
+    ------
+    ValueError
+        there is none.
+    """
     coordinates = blocks_of(volume.keys)
     low = coordinates.min(0)
     corner = (coordinates - low) * SIDE
@@ -114,10 +118,14 @@ def triangles_of(volume: Volume, report: Report) -> tuple[FloatArray, Array]:
     for start in range(0, len(corner), CHUNK):
         report(start / len(corner), "triangles")
         stop = min(start + CHUNK, len(corner))
-        parts.append(march(padded(volume.values, volume.keys, start, stop), corner[start:stop]))
-    keys, first, part = (np.concatenate([made[k] for made in parts]) for k in range(3))
-    vertices, faces = weld(keys, first, part)
-    return (vertices + low * SIDE) * volume.voxel + volume.origin, faces
+        parts.append(weld(*march(padded(volume.values, volume.keys, start, stop), corner[start:stop])))
+    whole = joined(parts)
+    if not len(whole.faces):
+        raise ValueError("no view sees a surface wide enough for a triangle: take a smaller voxel, or fuller masks")
+    report(1.0, "triangles")
+    taken, faces = fanned(whole.faces, whole.rim)
+    vertices = (whole.vertices[taken] + low * SIDE) * volume.voxel + volume.origin
+    return vertices, faces, whole.parts[taken]
 
 
 def _required(
@@ -143,14 +151,14 @@ def _between(report: Report, low: float, high: float) -> Report:
     return lambda fraction, text: report(low + (high - low) * fraction, text)
 
 
-def _without_specks(mesh: TriangleMesh, watertight: bool) -> TriangleMesh:
+def _without_specks(mesh: TriangleMesh, part: Array, watertight: bool) -> TriangleMesh:
     """Return the mesh without its small parts; closed ones count by what is seen of them."""
-    part = part_of(mesh.faces, len(mesh.vertices))
     counts = np.bincount(part, mesh.confidence > 0) if watertight else np.bincount(part).astype(np.float64)
     large = counts >= max(SPECK * counts.sum(), 1.0)
     keep = large[part[mesh.faces[:, 0]]]
     if keep.all():
         return mesh
-    used = np.unique(mesh.faces[keep])
-    vertices, faces = compact(mesh.vertices, mesh.faces, keep)
-    return TriangleMesh(vertices, faces, mesh.normals[used], mesh.intensity[used], mesh.confidence[used])
+    used, faces = compact(mesh.faces, keep, len(mesh.vertices))
+    return TriangleMesh(
+        mesh.vertices[used], faces, mesh.normals[used], mesh.intensity[used], mesh.confidence[used]
+    )  # fmt: skip

@@ -5,6 +5,7 @@ Owns what can be said of a mesh without knowing where it comes from.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 Array = npt.NDArray[Any]
+CHUNK = 200_000  # faces
 
 
 @dataclass(frozen=True)
@@ -69,17 +71,37 @@ def topology(faces: Array) -> Topology:
 
 def part_of(faces: Array, count: int) -> Array:
     """Return the number of the connected part (count,) of each vertex."""
-    i, j = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
+    return linked(faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel(), count)
+
+
+def linked(i: Array, j: Array, count: int) -> Array:
+    """Return the number of the part (count,) that each thing is in, where things `i` (n,) and `j` hang together."""
     graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(count, count))
     labels: Array = connected_components(graph, directed=False)[1]
     return labels
 
 
-def fanned(vertices: Array, faces: Array) -> tuple[Array, Array]:
-    """Return the mesh with a vertex for every fan of faces: where two meet in a point only, it is doubled."""
-    labels = _fans(faces)
-    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
-    return vertices[faces.ravel()[first]], inverse.reshape(-1, 3).astype(np.int32)
+def fanned(faces: Array, rim: Array) -> tuple[Array, Array]:
+    """Return which vertices to take (n + more,), and faces, so that every fan of faces has a vertex of its own.
+
+    Where two fans meet in a point only, it is taken twice. Only vertices of `rim` (n,) are looked at.
+    """
+    near = np.flatnonzero(rim[faces].any(axis=1))
+    corners = faces[near].ravel()
+    labels = _fans(faces[near])
+    chosen = np.flatnonzero(rim[corners])
+    _, first, inverse = np.unique(labels[chosen], return_index=True, return_inverse=True)
+    owner = corners[chosen[first]]
+    _, earliest = np.unique(owner, return_index=True)
+    number = np.full(len(owner), -1, np.int64)  # the first fan of each vertex keeps it
+    number[earliest] = owner[earliest]
+    more = np.flatnonzero(number < 0)
+    number[more] = len(rim) + np.arange(len(more))
+    out = faces.copy()
+    changed = faces[near].ravel()
+    changed[chosen] = number[inverse]
+    out[near] = changed.reshape(-1, 3)
+    return np.concatenate([np.arange(len(rim)), owner[more]]), out
 
 
 def _fans(faces: Array) -> Array:
@@ -94,25 +116,27 @@ def _fans(faces: Array) -> Array:
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     first, second = order[same], order[same + 1]
     i, j = np.concatenate([low[first], high[first]]), np.concatenate([low[second], high[second]])
-    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(3 * m, 3 * m))
-    labels: Array = connected_components(graph, directed=False)[1]
-    return labels
+    return linked(i, j, 3 * m)
 
 
-def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return unit normals (n, 3): means of the faces' normals, weighted by their areas."""
-    corners = vertices[faces].astype(np.float64)
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(across[:, k], 3), minlength=len(vertices)) for k in range(3)],
-        axis=1,
-    )
+def vertex_normals(vertices: Array, faces: Array, tell: Callable[[], None] = lambda: None) -> Array:
+    """Return unit normals (n, 3): means of the faces' normals, weighted by their areas; `tell` is called often."""
+    total = np.zeros((len(vertices), 3))
+    for start in range(0, len(faces), CHUNK):
+        tell()
+        part = faces[start : start + CHUNK]
+        a, b, c = (vertices[part[:, k]].astype(np.float64) for k in range(3))
+        across = np.cross(b - a, c - a)
+        for k in range(3):
+            total[:, k] += np.bincount(part.ravel(), np.repeat(across[:, k], 3), minlength=len(vertices))
     length = np.linalg.norm(total, axis=1, keepdims=True)
     unit: Array = np.divide(total, length, out=np.zeros_like(total), where=length > 0)
     return unit
 
 
-def compact(vertices: Array, faces: Array, keep: Array) -> tuple[Array, Array]:
-    """Return the mesh of the faces that `keep` (m,) names, without the vertices that none of them uses."""
-    used, inverse = np.unique(faces[keep], return_inverse=True)
-    return vertices[used], inverse.reshape(-1, 3).astype(np.int32)
+def compact(faces: Array, keep: Array, count: int) -> tuple[Array, Array]:
+    """Return which of `count` vertices the faces use that `keep` (m,) names, and those faces of them."""
+    used = np.zeros(count, np.bool_)
+    used[faces[keep]] = True
+    number = np.cumsum(used) - 1
+    return np.flatnonzero(used), number[faces[keep]].astype(np.int32)

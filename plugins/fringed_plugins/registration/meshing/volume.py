@@ -28,7 +28,7 @@ from fringed_plugins.registration.transforms import FloatArray, apply, inverse, 
 Array = npt.NDArray[Any]
 FEATHER_PX = 12.0
 MOST_BLOCKS = 200_000  # 10 kB each where they are made, 2 GB in all
-CHUNK = 600  # blocks between two reports
+CHUNK = 300  # blocks between two reports
 TRUNCATION = 3.0  # voxels
 NOISES = 4.0
 LEAST_VOXEL = 0.25  # of the resolution: finer ones lie between the points
