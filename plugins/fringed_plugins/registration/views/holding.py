@@ -8,22 +8,24 @@ from __future__ import annotations
 import numpy as np
 
 from fringed_plugins.registration.transforms import FloatArray, translation
-from fringed_plugins.registration.verify import LEAST_INFORMATION, OVER_SLOPE_NOISE
+from fringed_plugins.registration.verify import LEAST_INFORMATION
 from fringed_plugins.registration.views.motions import adjoint
 from fringed_plugins.registration.views.pairing import View
 
+OVER_NOISE = 4.0
 HELD = 1e-9  # least eigenvalue of the scaled normal equations of a direction that may move
 
 
 def held(block: FloatArray, T: FloatArray, view: View, weight: float) -> tuple[float, float]:
     """Return the information in a view's weakest direction as a share of its pairs, and what is needed.
 
-    About its middle, rotations in units of its radius. Noise of normals alone tells as much as its square.
+    About its middle, rotations in units of its radius. Noise of normals alone tells as much as its square: of a ball
+    nothing else is left.
     """
     J = adjoint(T @ translation(view.middle))
     J[:, :3] /= view.radius
     values, _ = eigen(J.T @ block @ J / max(weight, 1e-300))
-    return float(values[0]), max(LEAST_INFORMATION, OVER_SLOPE_NOISE * view.slope_noise**2)
+    return float(values[0]), max(LEAST_INFORMATION, OVER_NOISE * view.slope_noise**2)
 
 
 def eigen(H: FloatArray) -> tuple[FloatArray, FloatArray]:

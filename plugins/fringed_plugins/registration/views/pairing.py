@@ -26,7 +26,7 @@ MIN_FEET = 60
 NEAR = 3.0  # resolutions
 MOST_PIXELS = 150_000
 FEW = 1500  # samples a view that tell which views overlap
-STEADY = 0.05  # standard deviation of slopes
+STEADY = 0.025  # standard deviation of slopes
 
 
 @dataclass(frozen=True)

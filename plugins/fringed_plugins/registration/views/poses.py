@@ -38,12 +38,13 @@ CHI2_FAR = 22.46  # 1 of 1000 is beyond
 class Rules:
     """What counts as a contradiction, and when to stop.
 
-    `limit` is the squared Mahalanobis distance beyond which an edge contradicts; `most_inflation` is how many times
-    larger than stated the standard deviations may turn out to be (smoothing and calibration err alike in all points,
-    of which a covariance from noise knows nothing).
+    `limit` is the squared Mahalanobis distance beyond which an edge contradicts. Standard deviations from noise know
+    nothing of smoothing and calibration, which err alike in all points: they may turn out `most_inflation` times larger
+    than stated, and nothing contradicts by less than `least_inflation` of them would allow.
     """
 
     limit: float = CHI2_FAR
+    least_inflation: float = 5.0
     most_inflation: float = 30.0
     iterations: int = 50
 
@@ -131,13 +132,13 @@ def agree(
     unreachable = tuple(view for view in range(count) if view not in together)
     cycles = loops(edges, kept)
     inflation = _inflation(cycles, rules)
-    tree = spanning_tree(edges, _order(edges, kept, cycles, rules.limit * inflation**2))
+    limit = rules.limit * max(inflation, rules.least_inflation) ** 2
+    tree = spanning_tree(edges, _order(edges, kept, cycles, limit))
     start = placed(edges, tree, reference)
     closed = fundamental(edges, tree, kept)
     while True:
         report(0.5, f"poses of {len(start)} views from {len(kept)} pairs")
         system = System(edges, kept, reference)
-        limit = rules.limit * inflation**2
         best = minimise(system, start, limit, rules.iterations, report)
         out = _worst(edges, kept, best, limit)
         if out is None:
@@ -145,6 +146,8 @@ def agree(
         dropped.append(Dropped(out, _contradiction(edges, kept, out, best.mahalanobis2[kept.index(out)], inflation)))
         kept = [k for k in kept if k != out]
         inflation = _inflation(loops(edges, kept), rules)
+        limit = rules.limit * max(inflation, rules.least_inflation) ** 2
+    inflation = min(max(inflation, _left_over(best, len(kept), len(start))), rules.most_inflation)
     reason = "no step lowers the error any more" if best.settled else f"{rules.iterations} steps without standing still"
     report(1.0, f"poses of {len(start)} views, {len(dropped)} pairs left out")
     views = [view for view in best.poses if view != reference]
@@ -167,6 +170,12 @@ def _inflation(cycles: Sequence[Loop], rules: Rules) -> float:
         return 1.0
     middle = float(np.median([loop.mahalanobis2 for loop in cycles]))
     return float(np.clip(np.sqrt(middle / CHI2_MEDIAN), 1.0, rules.most_inflation))
+
+
+def _left_over(found: Minimum, edges: int, views: int) -> float:
+    """Return the residuals' scale: the weighted chi-squared for each degree of freedom that the poses leave."""
+    freedom = 6 * (edges - views + 1)
+    return float(np.sqrt((found.weights * found.mahalanobis2).sum() / freedom)) if freedom > 0 else 1.0
 
 
 def _order(edges: Sequence[Edge], kept: Sequence[int], cycles: Sequence[Loop], limit: float) -> list[int]:
