@@ -99,6 +99,22 @@ def test_open_mesh_ends_where_nobody_has_looked(views, given):
     assert cKDTree(seen).query(x)[0].max() < 3 * PITCH
 
 
+@pytest.mark.parametrize("moved", [False, True])
+def test_rows_that_run_upwards_do_not_turn_the_mesh_inside_out(given, views, moved):
+    _, images, poses = given
+    chosen = [0, 2, 4]
+    away = np.array([30.0, -20.0, -810.0], np.float32) if moved else np.zeros(3, np.float32)  # origin in the object
+    upward = [prepare(views[k].xyz_mm[::-1] + away, name=f"view {k}") for k in chosen]
+    back = [poses[k] @ rigid(np.eye(3), -away) for k in chosen]
+    mesh = integrate(upward, [images[k][::-1] for k in chosen], back, 3.0, watertight=True)
+    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(float) - mesh.vertices.mean(0) for k in range(3))
+    assert topology(mesh.faces).closed and np.einsum("ij,ij->i", a, np.cross(b, c)).sum() > 0
+    known = mesh.confidence > 0
+    off, normals = distance(in_object(mesh.vertices[known].astype(float), views[0]))
+    assert np.sqrt(np.mean(off**2)) < 2 * NOISE
+    assert ((mesh.normals[known] @ views[0].T_camera_object[:3, :3]) * normals).sum(1).mean() > 0.98
+
+
 def test_unit_of_length_does_not_matter(given):
     surfaces, images, poses = given
     shrunk = [prepare((s.xyz + s.origin).astype(np.float32) * np.float32(1e-3), ~s.valid) for s in surfaces[:2]]

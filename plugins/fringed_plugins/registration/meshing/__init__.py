@@ -2,6 +2,7 @@
 
     blocks     sparse blocks of voxels near the surface
     volume     signed distances of all views, fused in the blocks
+    facing     which side of a view is outside
     distances  the kernel behind it
     cubes      marching cubes by a generated table: every closed field gives a manifold
     filling    the field where nobody has looked, for watertight meshes

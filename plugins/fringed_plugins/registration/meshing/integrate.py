@@ -15,6 +15,7 @@ from fringed_plugins.registration.meshing.blocks import blocks_of, padded
 from fringed_plugins.registration.meshing.colouring import coloured
 from fringed_plugins.registration.meshing.cubes import joined, march, weld
 from fringed_plugins.registration.meshing.distances import SIDE
+from fringed_plugins.registration.meshing.facing import outward
 from fringed_plugins.registration.meshing.filling import closed, membrane
 from fringed_plugins.registration.meshing.triangles import TriangleMesh, compact, fanned
 from fringed_plugins.registration.meshing.volume import (
@@ -87,6 +88,7 @@ def integrate(
     for surface, T in zip(surfaces, poses, strict=True):
         report(0.1 * len(views) / len(surfaces), f"patches of the {surface.name}")
         views.append(see(surface, T, window_px))
+    views = outward(views)
     size = voxel_of(views, voxel)
     truncation = truncation_of(views, size)
     origin = np.mean([seen.T_model_centred[:3, 3] for seen in views], axis=0)
