@@ -64,8 +64,6 @@ def integrate(
         (n, 4, 4), takes points of each view to the model's frame.
     voxel
         side of a voxel in units of length; the views' median resolution when left out.
-    watertight
-        whether to close the mesh.
     window_px
         side of the windows for patches, odd; the largest of 7, 5, 3 that the surface is smooth over when left out.
     report
@@ -84,11 +82,7 @@ def integrate(
     Curless & Levoy 1996; Lorensen & Cline 1987; Davis, Marschner, Garr & Levoy 2002.
     """
     poses = _required(surfaces, intensities, T_model_view)
-    views: list[Seen] = []
-    for surface, T in zip(surfaces, poses, strict=True):
-        report(0.1 * len(views) / len(surfaces), f"patches of the {surface.name}")
-        views.append(see(surface, T, window_px))
-    views = outward(views)
+    views = _seen(surfaces, poses, window_px, _between(report, 0.0, 0.1))
     size = voxel_of(views, voxel)
     truncation = truncation_of(views, size)
     origin = np.mean([seen.T_model_centred[:3, 3] for seen in views], axis=0)
@@ -103,6 +97,17 @@ def integrate(
     mesh = _without_specks(mesh, parts, watertight)
     report(1.0, f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} triangles")
     return mesh
+
+
+def _seen(
+    surfaces: Sequence[Surface], poses: Sequence[FloatArray], window_px: int | None, report: Report
+) -> list[Seen]:
+    """Return the views with weights, and normals to the outside."""
+    views: list[Seen] = []
+    for surface, T in zip(surfaces, poses, strict=True):
+        report(len(views) / len(surfaces), f"patches of the {surface.name}")
+        views.append(see(surface, T, window_px))
+    return outward(views)
 
 
 def triangles_of(volume: Volume, report: Report) -> tuple[FloatArray, Array, Array]:

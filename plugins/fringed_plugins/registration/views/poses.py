@@ -102,14 +102,10 @@ def agree(
 
     Parameters
     ----------
-    count
-        number of views.
     edges
         registered pairs; those that have not converged or have no covariance are named and left out.
-    reference
-        the view that stays.
-    rules
-        when an edge contradicts, and when to stop.
+    reference, rules
+        the view that stays; when an edge contradicts, and when to stop.
     report
         hears (fraction, text) and may raise to stop the work.
 
@@ -150,14 +146,17 @@ def agree(
     inflation = min(max(inflation, _left_over(best, len(kept), len(start))), rules.most_inflation)
     reason = "no step lowers the error any more" if best.settled else f"{rules.iterations} steps without standing still"
     report(1.0, f"poses of {len(start)} views, {len(dropped)} pairs left out")
-    views = [view for view in best.poses if view != reference]
-    covariance = {reference: np.zeros((6, 6))}
-    for view, C in zip(views, system.covariances(best), strict=True):
-        covariance[view] = inflation**2 * C
     return PoseGraph(
-        best.poses, covariance, start, _residuals(edges, kept, best), tuple(closed), tuple(dropped), unreachable,
-        inflation, best.history, best.settled, reason,
+        best.poses, _covariances(system, best, reference, inflation), start, _residuals(edges, kept, best),
+        tuple(closed), tuple(dropped), unreachable, inflation, best.history, best.settled, reason,
     )  # fmt: skip
+
+
+def _covariances(system: System, found: Minimum, reference: int, inflation: float) -> dict[int, FloatArray]:
+    views = [view for view in found.poses if view != reference]
+    made = {reference: np.zeros((6, 6))}
+    made.update((view, inflation**2 * C) for view, C in zip(views, system.covariances(found), strict=True))
+    return made
 
 
 def _unusable(edge: Edge) -> str:
