@@ -85,8 +85,11 @@ class DetectBoard:
         return _view(found, params, (columns, rows), picture, context.threads)
 
     @classmethod
-    def warm_up(cls) -> None:
-        """Compile or load the kernels."""
+    def compile_kernels(cls) -> None:
+        """Compile or load the kernels; half a minute at first.
+
+        Not a `warm_up`: every station would compile them when it starts, and its first scan would wait for that.
+        """
         from fringed_plugins.calibration.detect.ellipses import find_ellipses
         from fringed_plugins.calibration.detect.projector_points import projector_at
 

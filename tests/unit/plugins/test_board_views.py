@@ -169,5 +169,5 @@ def test_inputs_that_cannot_be_meant_are_errors(maps, change, message):
         view_of(change(maps))
 
 
-def test_kernels_are_warm_without_a_picture():
-    DetectBoard.warm_up()
+def test_kernels_compile_without_a_picture():
+    DetectBoard.compile_kernels()
