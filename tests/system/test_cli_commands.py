@@ -53,7 +53,7 @@ def test_scan_list_get_export_view_register(station_runtime: Path, tmp_path: Pat
     merged = document("register", image, turned, runtime=run)["scan"]
     assert [p["kind"] for p in merged["products"]] == ["Model"]
     drawn = document("view", merged["products"][0]["id"], "-o", str(tmp_path / "pictures"), runtime=run)["files"]
-    assert len(drawn) == 5 and all(Path(f).stat().st_size > 5000 for f in drawn)
+    assert len(drawn) == 6 and all(Path(f).stat().st_size > 5000 for f in drawn)
 
 
 def test_parameters_reach_the_patterns_and_the_stages(station_runtime: Path) -> None:
