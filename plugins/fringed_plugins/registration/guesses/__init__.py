@@ -1,0 +1,23 @@
+"""Motions between two views that nobody has told anything about: one module for each method.
+
+    pairs             votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
+
+    common            what they share: evenly thinned points, motions that agree, the overlap that a motion makes
+
+Each is `method(reference, model, options, rng, threads, report=...) -> list[Guess]`, best first, empty where nothing
+agrees. `reference` and `model` are levels; `options` is the method's own dataclass or None. Whether a guess is right
+is for a tournament and a verification to say. Knows nothing of surfaces' files, devices or fine registration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fringed_plugins.registration.guesses.common import Guess
+from fringed_plugins.registration.guesses.pairs import oriented_pairs
+
+Guesser = Callable[..., list[Guess]]
+
+GUESSERS: dict[str, Guesser] = {
+    "oriented-pairs": oriented_pairs,
+}
