@@ -1,8 +1,8 @@
 """Twelve views around a head, 30 degrees apart, on the simulated rig with its default noise: a loop, one model.
 
 Fringes are decoded and triangulated with the rig's exact calibration; nothing is told about the turns. Printed: the
-views' errors after chaining and after the loops are closed, RMS over each view's true points, and how far the merged
-model's points are from the true surface.
+views' errors after chaining and after the loops are closed and all surfaces are brought together, RMS over each view's
+true points, and how far the merged model's points are from the true surface.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 
 from fringed_plugins.registration.chaining import chain
 from fringed_plugins.registration.merging import merge
-from fringed_plugins.registration.network import close_loops
 from fringed_plugins.registration.register import Options
 from fringed_plugins.registration.surface import prepare
+from fringed_plugins.registration.views.closing import close_loops
 
 VIEWS, STEP_DEG = 12, 30.0
 SURFACE_MM, POSE_MM = 0.05, 0.05
@@ -66,16 +66,16 @@ def main() -> int:
     chained = time.perf_counter() - started
     known = {(link.partner, link.view): link.alignment for link in linked.links}
     started = time.perf_counter()
-    network = close_loops(surfaces, linked.T_model_view, known, Options(threads=2))
+    found = close_loops(surfaces, linked.T_model_view, known, Options(threads=2))
     closed = time.perf_counter() - started
-    before, after = (pose_errors(poses, scans) for poses in (linked.T_model_view, network.T_model_view))
+    before, after = (pose_errors(poses, scans) for poses in (linked.T_model_view, found.T_model_view))
     print(f"INFO  chained: {chained:.1f} s, {before[1:].max():.4f} mm at most, {before[-1]:.4f} mm where the loop ends")
     passed = "PASS" if after.max() < POSE_MM else "MISS"
     ends = f"{after.max():.4f} mm at most, {after[-1]:.4f} mm where the loop ends"
-    print(f"{passed}  loops closed ({len(network.edges)} pairs, {closed:.1f} s): {ends} (at most {POSE_MM:g} mm)")
-    print(f"INFO  pairs contradict each other by {network.before[1]:.4f} mm, after that {network.closed[1]:.4f} mm")
+    print(f"{passed}  loops closed ({len(found.edges)} pairs, {closed:.1f} s): {ends} (at most {POSE_MM:g} mm)")
+    print(f"INFO  pairs contradict each other by {found.before[1]:.4f} mm, after that {found.after[1]:.4f} mm")
     grey = [np.zeros(points.shape[:2], np.uint8) for points, *_ in scans]
-    cloud = merge(surfaces, grey, np.array([network.T_model_view[k] for k in range(VIEWS)]))
+    cloud = merge(surfaces, grey, np.array([found.T_model_view[k] for k in range(VIEWS)]))
     rms, far, count = surface_error(cloud, scans)
     passed = "PASS" if rms < SURFACE_MM else "MISS"
     print(f"{passed}  model of {count:,} points: {rms:.4f} mm RMS from the true surface (at most {SURFACE_MM:g} mm)")

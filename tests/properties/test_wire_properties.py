@@ -175,6 +175,7 @@ SHAPED: dict[Any, Any] = {
             "normals": (2, 3),
             "intensity": (2,),
             "view_index": (2,),
+            "confidence": (2,),
             "T_model_view": (1, 4, 4),
             "faces": (0, 3),
         },

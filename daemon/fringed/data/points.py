@@ -84,6 +84,9 @@ class Registration(Frozen):
 class Model(Frozen):
     """Merged points of many views: (n, 3) mm with normals, intensity (n,), optional faces (m, 3).
 
+    `confidence` (n,) in 1 / mm^2 is the sum of the weights with which views saw a point: the inverse variance along the
+    normal where noise is independent, zero where nobody has looked.
+
     `T_model_view[i]` takes points of `views[i]` to the model's frame, that of the first view.
     `registrations[i]` brought view i + 1 there.
     """
@@ -96,6 +99,7 @@ class Model(Frozen):
     registrations: tuple[Registration, ...] = ()
     faces: Int32Array | None = None
     view_index: UInt8Array | None = None
+    confidence: Float32Array | None = None
     id: str = ""
     provenance: Provenance = field(default_factory=Provenance)
 
@@ -103,7 +107,7 @@ class Model(Frozen):
         if self.points_mm.ndim != 2 or self.points_mm.shape[1] != 3:
             raise DataError(f"points_mm has shape {self.points_mm.shape}; expected (n, 3)")
         same_shape("model normals", self.points_mm.shape, self.normals)
-        same_shape("model", self.points_mm.shape[:1], self.intensity, self.view_index)
+        same_shape("model", self.points_mm.shape[:1], self.intensity, self.view_index, self.confidence)
 
 
 @dataclass(frozen=True)

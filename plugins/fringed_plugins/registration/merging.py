@@ -30,12 +30,16 @@ RESOLUTIONS = 2.0
 
 @dataclass(frozen=True)
 class Cloud:
-    """Merged points (n, 3) mm and unit normals, float32; intensity and the view each came from, uint8."""
+    """Merged points (n, 3) mm and unit normals, float32; intensity and the view each came from, uint8.
+
+    `confidence` (n,) float32 is the sum of the weights of all views that saw a point, in 1 / mm^2.
+    """
 
     points: Array
     normals: Array
     intensity: Array
     view_index: Array
+    confidence: Array
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,7 @@ def merge(
     for number, intensity in enumerate(intensities):
         report(0.3 + 0.7 * number / len(seen), f"redundancy of the {surfaces[number].name}")
         parts.append(_own_points(seen, number, intensity, lambda text: report(0.3, text)))
-    return Cloud(*(np.concatenate([part[k] for part in parts]) for k in range(4)))
+    return Cloud(*(np.concatenate([part[k] for part in parts]) for k in range(5)))
 
 
 def _weights(grid: Grid) -> Array:
@@ -105,27 +109,29 @@ def _weights(grid: Grid) -> Array:
 
 
 def _own_points(seen: Sequence[_Seen], number: int, intensity: Array, tell: Any) -> tuple[Array, ...]:
-    """Return points, normals, intensity and view index of what one view adds to the model."""
+    """Return points, normals, intensity, view index and confidence of what one view adds to the model."""
     own = seen[number]
     surface = own.grid.surface
     pixels = np.flatnonzero(own.grid.usable)
-    kept, points, normals = [], [], []
+    kept, points, normals, sums = [], [], [], []
     for start in range(0, len(pixels), CHUNK):
         tell(f"redundancy of the {surface.name}: {start:,} of {len(pixels):,}")
         chunk = pixels[start : start + CHUNK]
-        keep, x, n = _fuse(seen, number, chunk)
+        keep, x, n, total = _fuse(seen, number, chunk)
         kept.append(chunk[keep])
         points.append(x)
         normals.append(n)
+        sums.append(total)
     index = np.concatenate(kept)
     (h, w), (top, left) = surface.valid.shape, surface.corner
     grey = intensity[top : top + h, left : left + w].reshape(-1)[index]
     x, n = np.concatenate(points).astype(np.float32), np.concatenate(normals).astype(np.float32)
-    return x, n, grey.astype(np.uint8), np.full(len(index), number, np.uint8)
+    confidence = np.concatenate(sums).astype(np.float32)
+    return x, n, grey.astype(np.uint8), np.full(len(index), number, np.uint8), confidence
 
 
-def _fuse(seen: Sequence[_Seen], number: int, pixels: npt.NDArray[np.intp]) -> tuple[Array, Array, Array]:
-    """Return which pixels are nobody else's to show, and their fused points and normals in the model's frame."""
+def _fuse(seen: Sequence[_Seen], number: int, pixels: npt.NDArray[np.intp]) -> tuple[Array, Array, Array, Array]:
+    """Return which pixels are nobody else's to show, and their fused points, normals (model's frame) and weights."""
     own = seen[number]
     x = own.grid.surface.xyz.reshape(-1, 3)[pixels].astype(np.float64)
     n = own.grid.normals.reshape(-1, 3)[pixels].astype(np.float64)
@@ -148,7 +154,7 @@ def _fuse(seen: Sequence[_Seen], number: int, pixels: npt.NDArray[np.intp]) -> t
         direction += weight[:, None] * facing
     x, direction = x[keep] + shift[keep] / np.maximum(total[keep], 1e-300)[:, None], direction[keep]
     length = np.linalg.norm(direction, axis=1, keepdims=True)
-    return keep, x, np.where(length > 0, direction / np.maximum(length, 1e-300), n[keep])
+    return keep, x, np.where(length > 0, direction / np.maximum(length, 1e-300), n[keep]), total[keep]
 
 
 def _tolerance(a: _Seen, b: _Seen) -> float:

@@ -8,13 +8,16 @@ import msgspec
 import numpy as np
 import pytest
 from analytic_relief import errors, hand, pose, see
+from scipy.spatial import cKDTree
 
 from fringed.data import Model, RangeImage, Registration
 from fringed.errors import Cancelled, ConvergenceError, DataError
 from fringed.hookspecs import Processor
 from fringed.wire import decode, encode
 from fringed_plugins import registration_plugin
-from fringed_plugins.registration_plugin import Merge, Register
+from fringed_plugins.registrars.model import Merge
+from fringed_plugins.registrars.pair import Register
+from fringed_plugins.registration.meshing.triangles import topology
 
 
 class Host:
@@ -132,6 +135,25 @@ def test_merge_makes_one_model(seen, images):
     assert all(r.history for r in model.registrations)
     assert errors(model.T_model_view[2], seen[0], seen[2])[1] < 0.05
     assert model.points_mm.dtype == np.float32 and set(np.unique(model.intensity)) == {99}
+    assert model.faces is None and model.confidence.min() >= 0 and np.median(model.confidence) > 1 / 0.05**2 / 4
+
+
+@pytest.mark.parametrize("surface", ["open", "watertight"])
+def test_merge_makes_triangles(images, surface):
+    model = Merge().run({"views": images[:2]}, Merge.Params(surface=surface, voxel_mm=2.5), Host())
+    told = topology(model.faces)
+    assert told.manifold and told.closed == (surface == "watertight")
+    assert (model.confidence > 0).mean() > 0.4
+    seen = model.points_mm[model.confidence > 0].astype(float)
+    true = images[0].xyz_mm[images[0].rejected == 0].astype(float)
+    distance, _ = cKDTree(true).query(seen)
+    assert np.median(distance) < 1.0 and set(np.unique(model.intensity[model.confidence > 0])) == {99}
+    assert np.array_equal(decode(encode(model)).content.faces, model.faces)
+
+
+def test_voxels_too_fine_say_which_fit(images):
+    with pytest.raises(DataError, match="voxel"):
+        Merge().run({"views": images[:2]}, Merge.Params(surface="open", voxel_mm=1e-3), Host())
 
 
 def test_merge_takes_given_registrations(images):

@@ -7,6 +7,7 @@
     pairing  two surfaces foot to foot, as normal equations of both views' motions
     holding  steps of many poses, and whether the surfaces hold them
     joint    all poses at once on the surfaces themselves
+    closing  all of it, from a chain of views on
 
 Knows nothing of the daemon, of plug-ins or of files.
 """

@@ -1,0 +1,1 @@
+"""Processors of registration: their parameters, types and words; the geometry is in `registration`."""
