@@ -1,12 +1,14 @@
 """Motions between two views that nobody has told anything about: one module for each method.
 
-    pairs             votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
+    pairs        votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
+    features     local feature histograms (FPFH) and correspondences that agree
 
-    common            what they share: evenly thinned points, motions that agree, the overlap that a motion makes
+    consistent   groups of correspondences that one motion can have made
+    common       what they share: evenly thinned points, motions that agree, the overlap that a motion makes
 
 Each is `method(reference, model, options, rng, threads, report=...) -> list[Guess]`, best first, empty where nothing
 agrees. `reference` and `model` are levels; `options` is the method's own dataclass or None. Whether a guess is right
-is for a tournament and a verification to say. Knows nothing of surfaces' files, devices or fine registration.
+is for a tournament and a verification to say. Knows nothing of files, devices or fine registration.
 """
 
 from __future__ import annotations
@@ -14,10 +16,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fringed_plugins.registration.guesses.common import Guess
+from fringed_plugins.registration.guesses.features import NAME as FEATURES
+from fringed_plugins.registration.guesses.features import local_features
+from fringed_plugins.registration.guesses.pairs import NAME as PAIRS
 from fringed_plugins.registration.guesses.pairs import oriented_pairs
 
 Guesser = Callable[..., list[Guess]]
 
 GUESSERS: dict[str, Guesser] = {
-    "oriented-pairs": oriented_pairs,
+    PAIRS: oriented_pairs,
+    FEATURES: local_features,
 }

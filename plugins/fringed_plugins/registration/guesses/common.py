@@ -20,6 +20,9 @@ ALIKE_PART = 0.12  # within this part of the model's diameter are one guess
 SAME_SIDE_COS = 0.8
 SCORED = 400
 MOST = 20
+LEAST_POINTS = 50
+CONTRADICTED = 5.0  # tolerances from the reference's interior within which a point that does not fit speaks against
+COST = 0.3  # of such a point, where one that fits exactly counts 1
 
 
 @dataclass(frozen=True)
@@ -53,8 +56,13 @@ def thinned(level: Level, count: int) -> Thinned:
     """Return about `count` points of the level's interior, one in each cube of a grid that has something in it.
 
     A grid of pixels is dense where the surface faces the sensor; cubes are as full in one view as in another.
+
+    Raises
+    ------
+    ValueError
+        fewer than 50 points with normals, points that are not finite, or all in one place.
     """
-    points, normals, _ = level.inner()
+    points, normals = _oriented(level)
     side = 0.5 * float(np.linalg.norm(np.ptp(points, axis=0))) / np.sqrt(count)
     at = _one_per_cube(points, side)
     for _ in range(5):
@@ -66,10 +74,24 @@ def thinned(level: Level, count: int) -> Thinned:
 
 
 def thinned_by(level: Level, side: float) -> Thinned:
-    """Return one point of the level's interior in each cube of the given side."""
-    points, normals, _ = level.inner()
+    """Return one point of the level's interior in each cube of the given side; errors as of `thinned`."""
+    points, normals = _oriented(level)
     at = _one_per_cube(points, side)
     return Thinned(points[at], normals[at], max(side, level.spacing_mm))
+
+
+def _oriented(level: Level) -> tuple[FloatArray, FloatArray]:
+    points, normals, _ = level.inner()
+    if len(points) < LEAST_POINTS:
+        raise ValueError(
+            f"a view has {len(points)} points with normals of {len(level.points)}; guesses need at least "
+            f"{LEAST_POINTS}: check its mask, or take a level of more points"
+        )
+    if not (np.isfinite(level.points).all() and np.isfinite(normals).all()):
+        raise ValueError("a view has points or normals that are not finite: leave them out of the level")
+    if not np.ptp(points, axis=0).any():
+        raise ValueError(f"all {len(points)} points of a view coincide; a motion needs a surface")
+    return points, normals
 
 
 def _one_per_cube(points: FloatArray, side: float) -> npt.NDArray[np.intp]:
@@ -98,17 +120,36 @@ def overlaps(reference: Level, model: Thinned, T: FloatArray, tolerance: float, 
 
     A point counts 1 - (residual / tolerance)^2, residuals along the reference's normal, where both normals agree.
     """
+    good, residual, _ = _matched(reference, model, T, tolerance, 2 * tolerance, threads)
+    share: FloatArray = np.where(good, 1 - residual**2, 0.0).mean(1)
+    return share
+
+
+def net_overlaps(reference: Level, model: Thinned, T: FloatArray, tolerance: float, threads: int) -> FloatArray:
+    """Return for each motion (k, 4, 4) the overlap, less what contradicts it: -0.3 to 1.
+
+    A point that is within 5 tolerances of the reference's interior and does not fit there counts -0.3. A smooth view
+    slides over another one with more overlap than there is; such points refute that.
+    """
+    good, residual, inner = _matched(reference, model, T, tolerance, CONTRADICTED * tolerance, threads)
+    share: FloatArray = (np.where(good, 1 - residual**2, 0.0) - COST * (inner & ~good)).mean(1)
+    return share
+
+
+def _matched(
+    reference: Level, model: Thinned, T: FloatArray, tolerance: float, reach: float, threads: int
+) -> tuple[Array, FloatArray, Array]:
+    """Return (k, n) which points fit, the residuals in tolerances, and which are near the reference's interior."""
     some = np.linspace(0, len(model.points) - 1, min(SCORED, len(model.points))).round().astype(np.intp)
     moved = model.points[some] @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
     turned = model.normals[some] @ np.swapaxes(T[:, :3, :3], 1, 2)
-    found = reference.tree.query(moved.reshape(-1, 3), distance_upper_bound=2 * tolerance, workers=threads)
+    found = reference.tree.query(moved.reshape(-1, 3), distance_upper_bound=reach, workers=threads)
     near = np.isfinite(found[0]).reshape(moved.shape[:2])
     index = np.where(near, found[1].reshape(near.shape), 0)
     n = reference.normals[index]
     residual = np.einsum("kni,kni->kn", moved - reference.points[index], n) / tolerance
     good = near & (np.einsum("kni,kni->kn", n, turned) > SAME_SIDE_COS) & (np.abs(residual) < 1)
-    share: FloatArray = np.where(good, 1 - residual**2, 0.0).mean(1)
-    return share
+    return good, residual, near & reference.interior[index]
 
 
 def agreeing(T: FloatArray, votes: FloatArray, model: Thinned, most: int) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,142 @@
+"""Every method of guessing finds a known motion, says what it cannot use, repeats itself and can be stopped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from guessed import rank, relief_pair
+
+from fringed_plugins.registration.guesses import GUESSERS
+from fringed_plugins.registration.guesses.common import MOST, thinned
+from fringed_plugins.registration.guesses.consistent import Grouping, Matches, consistency, motions
+from fringed_plugins.registration.guesses.features import histograms
+from fringed_plugins.registration.transforms import apply, rigid, rotation, rotation_angle
+
+POINTS = 4000
+FOUND = [
+    *((name, case) for name in ("local-features",) for case in (("head", 60, 135, 1.0), ("hand", 60, 90, 1e3))),
+]
+METHODS = sorted(GUESSERS)
+
+
+def guesses(name, p, q, seed=0, **more):
+    return GUESSERS[name](p, q, None, np.random.default_rng(seed), 1, **more)
+
+
+def levels(*case):
+    p, q, _ = relief_pair(*case)
+    return p.level(POINTS), q.level(POINTS)
+
+
+@pytest.mark.parametrize(("name", "case"), FOUND)
+def test_a_right_guess_is_among_the_first(name, case):
+    p, q, T = relief_pair(*case)
+    found = guesses(name, p.level(POINTS), q.level(POINTS))
+    assert len(found) <= MOST
+    assert {guess.method for guess in found} == {name}
+    assert [guess.score for guess in found] == sorted((guess.score for guess in found), reverse=True)
+    assert rank(found, T, q) is not None
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_same_seed_gives_the_same_guesses(name):
+    p, q = levels("hand", 60, 90, 1e3)
+    a, b = guesses(name, p, q, 7), guesses(name, p, q, 7)
+    assert a
+    assert all(np.array_equal(x.T_reference_model, y.T_reference_model) for x, y in zip(a, b, strict=True))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_too_few_points_are_refused(name):
+    p, q = levels("hand", 60, 90, 1e3)
+    few = replace(q, interior=q.interior & (np.cumsum(q.interior) <= 20))
+    none = replace(q, **{part: getattr(q, part)[:0] for part in ("points", "normals", "interior", "sigma_mm")})
+    for a, b, count in ((p, few, 20), (few, p, 20), (p, none, 0), (none, p, 0)):
+        with pytest.raises(ValueError, match=f"has {count} points with normals"):
+            guesses(name, a, b)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_points_that_are_not_finite_or_all_in_one_place_are_refused(name):
+    p, q = levels("hand", 60, 90, 1e3)
+    torn = replace(q, points=np.where(np.arange(len(q.points))[:, None] == 5, np.nan, q.points))
+    same = replace(q, points=np.ones_like(q.points))
+    for bad, why in ((torn, "not finite"), (same, "coincide")):
+        for pair in ((p, bad), (bad, p)):
+            with pytest.raises(ValueError, match=why):
+                guesses(name, *pair)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_report_is_heard_in_order_and_stops_the_work(name):
+    p, q = levels("hand", 60, 90, 1e3)
+    heard = []
+    guesses(name, p, q, report=lambda fraction, _: heard.append(fraction))
+    assert heard == sorted(heard)
+    assert 0 <= heard[0] <= heard[-1] <= 1
+    for calls in {1, len(heard) // 2, len(heard)} - {0}:
+        left = iter(range(calls))
+
+        def report(fraction, text, left=left, calls=calls):
+            if next(left) == calls - 1:
+                raise InterruptedError(text)
+
+        with pytest.raises(InterruptedError):
+            guesses(name, p, q, report=report)
+        assert next(left, None) is None  # nothing was asked after it had raised
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_few_points_in_a_great_unit_give_guesses_or_none(name):
+    y, x = np.mgrid[0:12.0, 0:12.0] * 1e6
+    bowl = np.dstack([x, y, (x - 5e6) ** 2 / 4e7 + (y - 3e6) ** 2 / 6e7]).reshape(-1, 3)
+    p, _ = levels("hand", 60, 90, 1e3)
+    n = np.tile([0.0, 0.0, -1.0], (len(bowl), 1))
+    level = replace(
+        p, points=bowl, normals=n, interior=np.ones(len(bowl), np.bool_), sigma_mm=np.ones(len(bowl)), spacing_mm=1e6
+    )
+    for guess in guesses(name, level, level):
+        assert np.isfinite(guess.T_reference_model).all()
+        assert np.abs(guess.T_reference_model[:3, :3] @ guess.T_reference_model[:3, :3].T - np.eye(3)).max() < 1e-9
+
+
+def matched(rng, right, wrong):
+    """Return correspondences of oriented points, `right` of them made by one motion, the rest at random, and it."""
+    T = rigid(rotation([0.3, -0.8, 1.9]), [30.0, -20.0, 900.0])
+    q, m = rng.uniform(-50, 50, (right + wrong, 3)), rng.normal(size=(right + wrong, 3))
+    m /= np.linalg.norm(m, axis=1, keepdims=True)
+    p, n = apply(T, q), m @ T[:3, :3].T
+    p[right:], n[right:] = rng.permutation(p[right:]), rng.permutation(n[right:])
+    return Matches(p, n, q, m), T
+
+
+def test_consistency_is_zero_within_a_motion_and_infinite_for_itself():
+    matches, _ = matched(np.random.default_rng(1), 30, 30)
+    fits = consistency(matches, 10.0)
+    assert np.isinf(np.diag(fits)).all()
+    right = fits[:30, :30][~np.eye(30, dtype=bool)]
+    assert right.max() < 1e-6
+    assert np.array_equal(fits, fits.T)
+    assert np.median(fits[30:, :30]) > 0.3
+
+
+def test_the_largest_group_has_the_motion_that_made_it():
+    matches, T = matched(np.random.default_rng(2), 15, 120)
+    found, sizes = motions(matches, Grouping(apart=10.0))
+    assert sizes.max() == 15
+    best = found[sizes.argmax()]
+    assert rotation_angle(np.linalg.inv(best) @ T) < 1e-6
+    assert np.abs(best - T).max() < 1e-4
+
+
+def test_histograms_do_not_change_with_the_view():
+    p, _ = levels("head", 60, 0, 1.0)
+    some = thinned(p, 400)
+    T = rigid(rotation([0.5, 1.0, -2.0]), [10.0, 400.0, -30.0])
+    moved = replace(some, points=apply(T, some.points), normals=some.normals @ T[:3, :3].T)
+    a, b = histograms(some, 5 * some.side), histograms(moved, 5 * some.side)
+    assert np.abs((a**2).sum(1) - 3).max() < 1e-4  # three angles, each a distribution
+    assert np.median(np.linalg.norm(a - b, axis=1)) < 1e-3
+    assert np.median(np.linalg.norm(a - a[::-1], axis=1)) > 0.1
