@@ -2,13 +2,15 @@
 
     pairs        votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
     features     local feature histograms (FPFH) and correspondences that agree
+    spin         spin images and geometric consistency
 
     consistent   groups of correspondences that one motion can have made
     common       what they share: evenly thinned points, motions that agree, the overlap that a motion makes
 
 Each is `method(reference, model, options, rng, threads, report=...) -> list[Guess]`, best first, empty where nothing
-agrees. `reference` and `model` are levels; `options` is the method's own dataclass or None. Whether a guess is right
-is for a tournament and a verification to say. Knows nothing of files, devices or fine registration.
+agrees. `reference` and `model` are levels; `options` is the method's own dataclass or None. `report` hears (fraction,
+text) and may raise to stop the work. Whether a guess is right is for a tournament and a verification to say. Knows
+nothing of files, devices or fine registration.
 """
 
 from __future__ import annotations
@@ -20,10 +22,13 @@ from fringed_plugins.registration.guesses.features import NAME as FEATURES
 from fringed_plugins.registration.guesses.features import local_features
 from fringed_plugins.registration.guesses.pairs import NAME as PAIRS
 from fringed_plugins.registration.guesses.pairs import oriented_pairs
+from fringed_plugins.registration.guesses.spin import NAME as SPIN
+from fringed_plugins.registration.guesses.spin import spin_images
 
 Guesser = Callable[..., list[Guess]]
 
 GUESSERS: dict[str, Guesser] = {
     PAIRS: oriented_pairs,
     FEATURES: local_features,
+    SPIN: spin_images,
 }
