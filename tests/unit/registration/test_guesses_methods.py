@@ -11,6 +11,7 @@ from guessed import rank, relief_pair
 from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.guesses.common import MOST, thinned
 from fringed_plugins.registration.guesses.consistent import Grouping, Matches, consistency, motions
+from fringed_plugins.registration.guesses.darces import laid
 from fringed_plugins.registration.guesses.features import histograms
 from fringed_plugins.registration.guesses.spin import SpinImages, similarity, spun
 from fringed_plugins.registration.transforms import apply, rigid, rotation, rotation_angle
@@ -160,3 +161,10 @@ def test_similarity_ignores_what_one_image_does_not_show():
     half = whole.copy()
     half[:, 40:] = 0
     assert (similarity(half, whole).argmax(axis=1) == np.arange(20)).all()
+
+
+def test_a_triangle_is_laid_on_each_of_those_that_are_like_it():
+    rng = np.random.default_rng(4)
+    triangle = rng.normal(size=(3, 3))
+    truths = np.array([rigid(rotation(rng.normal(size=3)), rng.normal(size=3)) for _ in range(5)])
+    assert np.abs(laid(np.array([apply(T, triangle) for T in truths]), triangle) - truths).max() < 1e-12

@@ -3,6 +3,7 @@
     pairs        votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
     features     local feature histograms (FPFH) and correspondences that agree
     spin         spin images and geometric consistency
+    darces       RANSAC-DARCES: random triangles, found again exhaustively
 
     consistent   groups of correspondences that one motion can have made
     common       what they share: evenly thinned points, motions that agree, the overlap that a motion makes
@@ -18,6 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fringed_plugins.registration.guesses.common import Guess
+from fringed_plugins.registration.guesses.darces import NAME as DARCES
+from fringed_plugins.registration.guesses.darces import ransac_darces
 from fringed_plugins.registration.guesses.features import NAME as FEATURES
 from fringed_plugins.registration.guesses.features import local_features
 from fringed_plugins.registration.guesses.pairs import NAME as PAIRS
@@ -31,4 +34,5 @@ GUESSERS: dict[str, Guesser] = {
     PAIRS: oriented_pairs,
     FEATURES: local_features,
     SPIN: spin_images,
+    DARCES: ransac_darces,
 }
