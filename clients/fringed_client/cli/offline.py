@@ -197,6 +197,14 @@ def _write(station: Station, result: ScanResult, folder: Path) -> list[Path]:
     return files
 
 
+def _surface(path: Path) -> Any:
+    """Return a recording's content, or the points or triangles of another file."""
+    from fringed.surface_files.reading import product_of_file
+    from fringed_client.calibration_file import load_recording
+
+    return load_recording(path) if path.suffix.lower() in {".h5", ".hdf5"} else product_of_file(path)
+
+
 @click.command("register")
 @click.argument("views", nargs=-1, required=True, metavar="ID...")
 @click.option("--merge/--pair", default=True, show_default=True, help="One model of all, or one pair's transform.")
@@ -211,13 +219,13 @@ def register_command(
 ) -> None:
     """Bring range images together; the first one is the reference.
 
-    Takes ids of range images, or recordings (.h5) of them.
+    Takes ids of range images, or recordings (.h5) of them. With --pair also models, and files of points or triangles:
+    .ply, .stl, .obj, .xyz, in any unit.
     """
-    from fringed_client.calibration_file import load_recording
     from fringed_client.cli.scanning import report
     from fringed_client.private import any_station
 
-    given = [view if ID.match(view) else load_recording(a_file(view)) for view in views]
+    given = [view if ID.match(view) else _surface(a_file(view)) for view in views]
     with any_station(options.station, output.say, config) as station:
         with output.steps() as steps:
             result = station.register(

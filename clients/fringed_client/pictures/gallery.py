@@ -27,7 +27,9 @@ from fringed_client.pictures import boards, calibration, convergence, maps, mode
 DRAWN = "FrameSet, PhaseMap, BoardView, Calibration, Verification, RangeImage, Model, Registration and Truth"
 
 
-def draw_all(content: Any, folder: Path, pair: tuple[RangeImage, RangeImage] | None = None) -> list[Path]:
+def draw_all(
+    content: Any, folder: Path, pair: tuple[registration.Surface, registration.Surface] | None = None
+) -> list[Path]:
     """Draw everything that suits an object into `folder`; returns the pictures' paths.
 
     `pair` are the reference and the model of a Registration, where they are known: both are drawn with it.

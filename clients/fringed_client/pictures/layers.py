@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Patch
 
-from fringed.data import Array, RangeImage
+from fringed.data import Array, Model, RangeImage
 from fringed_client.pictures.figures import ACCENT, DPI, FAINT, INK, figure, save, titled
 from fringed_client.pictures.geometry import grid_normals
 from fringed_client.pictures.shading import PAPER, Rendering, View, Window, render_points, tinted, window_of
@@ -46,8 +46,8 @@ def moved(points_mm: Array, T: Array) -> Array:
     return placed
 
 
-def layer_of(image: RangeImage, colour: Array) -> Layer:
-    """Return a range image as a layer: a surface, or points that face the camera where its grid is too torn."""
+def layer_of(image: RangeImage | Model, colour: Array) -> Layer:
+    """Return a view as a layer: a surface, or points that face the camera where few normals are known."""
     points, normals = grid_of(image)
     known = np.isfinite(normals[:, 2])
     if known.sum() < TORN * len(points):
@@ -56,8 +56,13 @@ def layer_of(image: RangeImage, colour: Array) -> Layer:
     return Layer(points[known], normals[known], colour)
 
 
-def grid_of(image: RangeImage) -> tuple[Array, Array]:
+def grid_of(image: RangeImage | Model) -> tuple[Array, Array]:
     """Return kept points (n, 3) and their normals (n, 3), NaN where unknown; every other one of very many."""
+    if isinstance(image, Model):
+        some = slice(None, None, max(1, int(np.ceil(len(image.points_mm) / MOST_GRID_POINTS))))
+        given = np.asarray(image.normals[some], np.float64)
+        unknown = ~(np.linalg.norm(given, axis=1, keepdims=True) > 0)
+        return np.asarray(image.points_mm[some], np.float64), np.where(unknown, np.nan, given)
     kept = (image.rejected == 0) & np.isfinite(image.xyz_mm).all(axis=2)
     xyz = np.where(kept[..., None], image.xyz_mm, np.nan).astype(np.float32)
     normals = grid_normals(xyz)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fringed.data import Array, RangeImage
+from fringed.data import Array, Model, RangeImage
 from fringed_client.pictures.layers import grid_of, moved
 
 BESIDE = 1.5  # of the resolution: a partner farther aside than this is the rim of the surface, not its nearest point
@@ -32,7 +32,7 @@ class Partners:
     partner: Array
 
 
-def partners_of(reference: RangeImage, model: RangeImage, T_reference_model: Array) -> Partners:
+def partners_of(reference: RangeImage | Model, model: RangeImage | Model, T_reference_model: Array) -> Partners:
     """Return the model's points with their partners; T (4, 4) takes them to the reference's frame.
 
     The distance is along the mean of both normals, which leaves nothing of the curvature between the samples
@@ -58,7 +58,7 @@ def partners_of(reference: RangeImage, model: RangeImage, T_reference_model: Arr
     return Partners(points, turned, fixed[index], distance, agreeing & (aside < BESIDE * spacing))
 
 
-def _surface(image: RangeImage) -> tuple[Array, Array]:
+def _surface(image: RangeImage | Model) -> tuple[Array, Array]:
     points, normals = grid_of(image)
     known = np.isfinite(normals[:, 2])
     return points[known], normals[known]

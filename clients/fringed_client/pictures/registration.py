@@ -1,7 +1,7 @@
 """What a registration did, seen: both views before and after, how far they are apart, what was matched.
 
-Owns these pictures. Takes the two range images and the registration that joins them; the only mathematics is the
-distance that is shown.
+Owns these pictures. Takes the two views, range images or models, and the registration that joins them; the only
+mathematics is the distance that is shown.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, to_hex, to_rgb
 from matplotlib.patches import Patch
 
-from fringed.data import Array, RangeImage, Registration
+from fringed.data import Array, Model, RangeImage, Registration
 from fringed_client.pictures.figures import DPI, FAINT, INK, PAPER, colour_bar, figure, labelled, save, titled
 from fringed_client.pictures.layers import Layer, composed, draw_layers, layer_of, moved
 from fringed_client.pictures.partners import partners_of
@@ -26,11 +26,12 @@ from fringed_client.pictures.views import show
 
 REFERENCE, MODEL, UNMATCHED = to_rgb("#4f9fdc"), to_rgb("#f0a028"), "#6e6e69"
 MAP_PX, PAIR_PX = 520, 900
+Surface = RangeImage | Model
 GAP = 0.2  # between the views, of the wider one
 
 
 def draw_registration(
-    path: Path, reference: RangeImage, model: RangeImage, registration: Registration, before: bool = True
+    path: Path, reference: Surface, model: Surface, registration: Registration, before: bool = True
 ) -> Path:
     """Draw both views along X-Y, Y-Z, X-Z and obliquely, in two colours, before (as recorded) and after.
 
@@ -44,7 +45,7 @@ def draw_registration(
     return draw_layers(path, rows, list(VIEWS.values()), told, _legend(reference, model), simulated)
 
 
-def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registration: Registration) -> Path:
+def draw_error_map(path: Path, reference: Surface, model: Surface, registration: Registration) -> Path:
     """Draw how far the model's points are from the reference's surface: as colours on it, and how they are distributed.
 
     Positive is in front of the reference, towards its camera. Points that nothing lies behind are grey. Both views'
@@ -81,8 +82,8 @@ def draw_error_map(path: Path, reference: RangeImage, model: RangeImage, registr
 
 def draw_correspondences(
     path: Path,
-    reference: RangeImage,
-    model: RangeImage,
+    reference: Surface,
+    model: Surface,
     registration: Registration,
     start: Array | None = None,
     most: int = 150,
@@ -133,7 +134,7 @@ def _pale(colour: tuple[float, float, float]) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def _signed(drawn: Any, axes: Any, reference: RangeImage, model: RangeImage) -> None:
+def _signed(drawn: Any, axes: Any, reference: Surface, model: Surface) -> None:
     """Say which colour is which view, and that a rig was simulated."""
     names = {name: _pale(colour) for name, colour in _legend(reference, model).items()}
     marks = [Patch(edgecolor=FAINT, linewidth=0.4, facecolor=to_hex(c), label=n) for n, c in names.items()]
@@ -141,7 +142,7 @@ def _signed(drawn: Any, axes: Any, reference: RangeImage, model: RangeImage) -> 
     titled(axes, axes.get_title("left"), _simulated(reference, model))
 
 
-def _legend(reference: RangeImage, model: RangeImage) -> dict[str, Any]:
+def _legend(reference: Surface, model: Surface) -> dict[str, Any]:
     return {f"reference {reference.id}".strip(): REFERENCE, f"model {model.id}".strip(): MODEL}
 
 
@@ -188,5 +189,5 @@ def _ended(found: Registration) -> str:
     return "converged" if found.converged else "NOT converged"
 
 
-def _simulated(reference: RangeImage, model: RangeImage) -> bool:
+def _simulated(reference: Surface, model: Surface) -> bool:
     return reference.provenance.simulated or model.provenance.simulated

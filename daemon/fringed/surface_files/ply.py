@@ -1,4 +1,4 @@
-"""PLY bytes -> vertices, faces, albedo.
+"""PLY bytes -> vertices, faces, normals, albedo.
 
 Owns the format (ascii and binary of both byte orders); does no I/O.
 """
@@ -11,12 +11,14 @@ from typing import Any
 import numpy as np
 
 from fringed.data import Array
+from fringed.surface_files.surface_file import SurfaceFile
 
 _TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
+NORMAL = ("nx", "ny", "nz")
 _LUMINANCE = np.array([0.299, 0.587, 0.114])
 
 
@@ -28,13 +30,13 @@ class _Element:
     list_types: tuple[str, str] | None = None
 
 
-def read_ply(raw: bytes) -> tuple[Array, Array, Array | None]:
-    """Return vertices (n, 3), faces (m, 3) and albedo (n,) or None.
+def read_ply(raw: bytes) -> SurfaceFile:
+    """Return what it holds.
 
     Raises
     ------
     ValueError
-        not a PLY, truncated, or of a form that meshes do not have.
+        not a PLY, truncated, or of a form that surfaces do not have.
     """
     head, mark, body = raw.partition(b"end_header")
     if not raw.startswith(b"ply") or not mark:
@@ -49,11 +51,12 @@ def read_ply(raw: bytes) -> tuple[Array, Array, Array | None]:
             found[element.name], position = _ascii(element, words, position)
         else:
             found[element.name], position = _binary(element, body, position, order)
-    if "vertex" not in found or "face" not in found:
-        raise ValueError(f"it holds {', '.join(found) or 'nothing'}; a mesh needs 'vertex' and 'face'")
+    if "vertex" not in found:
+        raise ValueError(f"it holds {', '.join(found) or 'nothing'}; a surface needs 'vertex'")
     table = found["vertex"]
     vertices = np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float64)
-    return vertices, found["face"], _albedo(table)
+    normals = np.stack([table[n] for n in NORMAL], axis=1).astype(np.float64) if set(NORMAL) <= set(table) else None
+    return SurfaceFile(vertices, found.get("face"), normals, _albedo(table))
 
 
 def _header(lines: list[str]) -> tuple[str, list[_Element]]:
@@ -129,4 +132,7 @@ def _albedo(table: Any) -> Array | None:
     if {"red", "green", "blue"} <= names:
         colour = np.stack([np.asarray(table[name], np.float64) for name in ("red", "green", "blue")], axis=1)
         return np.asarray(np.clip(colour @ _LUMINANCE / (255.0 if colour.max(initial=0) > 1 else 1.0), 0.0, 1.0))
+    if "intensity" in names:
+        grey = np.asarray(table["intensity"], np.float64)
+        return np.clip(grey / (255.0 if grey.max(initial=0) > 1 else 1.0), 0.0, 1.0)
     return None

@@ -9,15 +9,18 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from fringed.data import IterationRecord, RangeImage, Registration
+from fringed.data import IterationRecord, Mesh, Model, RangeImage, Registration
 from fringed.hookspecs import Context, Params
+from fringed_plugins.registration.clouds import prepare_cloud
+from fringed_plugins.registration.meshing.sampling import sampled
 from fringed_plugins.registration.register import Options
 from fringed_plugins.registration.result import Alignment, Iteration, Report
-from fringed_plugins.registration.surface import Surface, prepare
+from fringed_plugins.registration.surface import Scan, Surface, prepare
 from fringed_plugins.registration.verify import Limits
 
 Row = tuple[float, float, float, float]
 MM = {"units": "mm"}
+MESH_POINTS = 200_000
 
 
 class PairParams(Params, frozen=True, kw_only=True):
@@ -50,6 +53,24 @@ class PairParams(Params, frozen=True, kw_only=True):
 def surface_of(view: RangeImage, name: str) -> Surface:
     """Return a prepared range image; raise ValueError where it has no surface."""
     return prepare(view.xyz_mm, view.rejected, view.sigma_mm, f"{name} {view.id}".strip())
+
+
+def scan_of(view: RangeImage | Model | Mesh, name: str, threads: int, report: Report) -> Scan:
+    """Return a prepared view, with a grid or without; raise ValueError where it has no surface.
+
+    A model's points have its normals where it knows any; a mesh's triangles are sampled evenly.
+    """
+    if isinstance(view, RangeImage):
+        return surface_of(view, name)
+    called = f"{name} {view.id}".strip()
+
+    def tell() -> None:
+        report(0.0, f"preparing the {name}")
+
+    if isinstance(view, Model):
+        return prepare_cloud(view.points_mm, view.normals, name=called, threads=threads, tell=tell)
+    points, normals = sampled(view.vertices_mm, view.faces, MESH_POINTS)
+    return prepare_cloud(points, normals, name=called, threads=threads, tell=tell)
 
 
 def report_to(context: Context) -> Report:

@@ -3,29 +3,33 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
 
-from fringed.data import RangeImage, Registration
+from fringed.data import Mesh, Model, RangeImage, Registration
 from fringed.errors import DataError
 from fringed.hookspecs import Context
-from fringed_plugins.registrars.common import MM, PairParams, Row, product_of, report_to, surface_of
-from fringed_plugins.registration.family.method import Method
+from fringed_plugins.registrars.common import MM, PairParams, Row, product_of, report_to, scan_of
 from fringed_plugins.registration.family.pair import register_by
 from fringed_plugins.registration.family.presets import METHODS
+from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.register import register
+from fringed_plugins.registration.surface import Surface
 
 
 class Register:
-    """Bring one range image to another's frame: by the default method, or by one of the literature, verified."""
+    """Bring one view to another's frame: by the default method, or by one of the literature, verified."""
 
     name: ClassVar[str] = "register"
-    version: ClassVar[str] = "2.0.0"
+    version: ClassVar[str] = "3.0.0"
     summary: ClassVar[str] = "views brought together from anywhere, foot to foot, verified; or by a named method"
-    inputs: ClassVar[Mapping[str, Any]] = {"reference": RangeImage, "model": RangeImage}
+    inputs: ClassVar[Mapping[str, Any]] = {
+        "reference": RangeImage | Model | Mesh,
+        "model": RangeImage | Model | Mesh,
+    }
     optional: ClassVar[frozenset[str]] = frozenset()
     output: ClassVar[type] = Registration
 
@@ -36,8 +40,12 @@ class Register:
             "default"
         )
         search: Annotated[
-            bool, Meta(description="whether a refuted start is followed by guesses (default method only)")
-        ] = True
+            str,
+            Meta(
+                description="guesses that follow a refuted start, default method only: `auto`, `none`, or those of "
+                + ", ".join(GUESSERS)
+            ),
+        ] = "auto"
         T_reference_model: Annotated[
             tuple[Row, Row, Row, Row] | None,
             Meta(description="start as four rows of four numbers; null: find one", extra_json_schema=MM),
@@ -49,20 +57,27 @@ class Register:
         Raises
         ------
         DataError
-            range images that cannot be registered, or a start that is not rigid.
+            views that cannot be registered, a start that is not rigid, a method or a search that there is not.
         """
         reference, model = inputs["reference"], inputs["model"]
-        options = replace(params.options(context.threads, params.T_reference_model), search=params.search)
-        method = _method(params.method)
+        search = _named("search", params.search, ("auto", "none", *GUESSERS))
+        wish = params.options(context.threads, params.T_reference_model)
+        options = replace(wish, search="" if search == "none" else search)
+        method = METHODS.get(_named("registration method", params.method, ("default", *METHODS)))
+        report = report_to(context)
         try:
             context.progress(0.0, "preparing the reference")
-            fixed = surface_of(reference, "reference")
+            fixed = scan_of(reference, "reference", context.threads, report)
             context.progress(0.0, "preparing the model")
-            moving = surface_of(model, "model")
+            moving = scan_of(model, "model", context.threads, report)
             if method is None:
-                alignment = register(fixed, moving, options, report_to(context))
+                alignment = register(fixed, moving, options, report)
+            elif isinstance(fixed, Surface) and isinstance(moving, Surface):
+                alignment = register_by(method, fixed, moving, options, params.iterations or None, report)
             else:
-                alignment = register_by(method, fixed, moving, options, params.iterations or None, report_to(context))
+                raise DataError(
+                    f"method {params.method!r} registers range images; a model or a mesh has no grid: method = default"
+                )
         except DataError:
             raise
         except ValueError as error:
@@ -72,12 +87,10 @@ class Register:
         return product_of(alignment, reference.id, model.id)
 
 
-def _method(name: str) -> Method | None:
-    """Return the method of the literature that is meant, None for the default one."""
-    if name == "default":
-        return None
-    if name not in METHODS:
-        close = difflib.get_close_matches(name, [*METHODS, "default"], 3)
-        meant = f"did you mean {' or '.join(close)}? " if close else ""
-        raise DataError(f"no registration method is called {name!r}; {meant}There are default, {', '.join(METHODS)}")
-    return METHODS[name]
+def _named(what: str, name: str, known: Sequence[str]) -> str:
+    """Return a name that there is; raise DataError with those that look like it."""
+    if name in known:
+        return name
+    close = difflib.get_close_matches(name, known, 3)
+    meant = f"did you mean {' or '.join(close)}? " if close else ""
+    raise DataError(f"no {what} is called {name!r}; {meant}There are {', '.join(known)}")

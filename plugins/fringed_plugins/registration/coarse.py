@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from fringed_plugins.registration.plane import MOST_TURN_RAD, jacobian, limited, motion, step
 from fringed_plugins.registration.result import Report
-from fringed_plugins.registration.surface import Level, Surface
+from fringed_plugins.registration.surface import Level, Scan
 from fringed_plugins.registration.transforms import FloatArray, rotation_angle
 
 Array = npt.NDArray[Any]
@@ -52,8 +52,8 @@ class Candidate:
 
 
 def tournament(
-    reference: Surface,
-    model: Surface,
+    reference: Scan,
+    model: Scan,
     guesses: list[FloatArray],
     report: Report,
     threads: int = 1,

@@ -6,48 +6,41 @@ cannot be meant raises, what did not succeed says `converged=False` and why.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fringed_plugins.registration.coarse import ROUNDS, SHORT, tournament
-from fringed_plugins.registration.describing import Search, guesses
+from fringed_plugins.registration.clouds import CloudSurface
 from fringed_plugins.registration.icp import Settings, iterate
-from fringed_plugins.registration.invariant import curved, draw_near
 from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
-from fringed_plugins.registration.starts import principal_axes, turns
-from fringed_plugins.registration.surface import Surface
+from fringed_plugins.registration.starting import starts
+from fringed_plugins.registration.surface import Scan, Surface
 from fringed_plugins.registration.transforms import FloatArray, checked, translation
 from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verify
 
 UNITS_RATIO = 20.0
 ONE_SIDED = 0.9
 GUESS_POINTS = 2500
-SHAPE_POINTS = 4000
-MORE_POINTS = 6000
-SHAPES = 12
-COARSE_POINTS = 2500
 FEW_POINTS = 1800
 FEW_ITERATIONS = 15
 FEW_SLACK = 3.0  # few points miss the surface between them
+EXACT = 1e-4  # of the resolution
 FEW_STILL = 1e-2  # of the resolution: more points go on from there
-COARSE_ITERATIONS = 25
 
 
 @dataclass(frozen=True)
 class Options:
     """How to register.
 
-    `T_reference_model` (4, 4) is a start if one is known; where it is refuted, or none is given, guesses are tried
-    unless `search` is off. `fine_points` is how many smoothed points the last stage takes of the model: all of its
-    points are in them.
+    `T_reference_model` (4, 4) is a start if one is known; where it is refuted, or none is given, guesses are tried:
+    `search` names one method of `guesses.GUESSERS`, "auto" tries several in turn, "" none. `fine_points` is how many
+    smoothed points the last stage takes of the model: all of its points are in them.
     """
 
     T_reference_model: FloatArray | None = None
-    search: bool = True
+    search: str = "auto"
     medium_points: int = 6000
     fine_points: int = 40000
     fine_iterations: int = 20
@@ -56,7 +49,7 @@ class Options:
     threads: int = 1
 
 
-def register(reference: Surface, model: Surface, options: Options | None = None, report: Report = silent) -> Alignment:
+def register(reference: Scan, model: Scan, options: Options | None = None, report: Report = silent) -> Alignment:
     """Return the motion of `model` to the frame of `reference`, verified.
 
     A few thousand points are aligned from where the views stand (or the given start). Where that is refuted, the
@@ -65,7 +58,7 @@ def register(reference: Surface, model: Surface, options: Options | None = None,
     Parameters
     ----------
     reference, model
-        prepared surfaces (`surface.prepare`).
+        prepared surfaces (`surface.prepare`) or clouds (`clouds.prepare_cloud`), in any unit.
     options
         points, limits and a start.
     report
@@ -78,60 +71,34 @@ def register(reference: Surface, model: Surface, options: Options | None = None,
     """
     options = options or Options()
     require_same_units(reference, model)
+    found = _registered(reference, model, options, report)
+    for scan in (reference, model):
+        if not found.converged and isinstance(scan, CloudSurface) and not scan.sided:
+            report(0.0, f"the other side of the {scan.name} may be its outside")
+            other = scan.flipped()
+            fixed, moving = (other, model) if scan is reference else (reference, other)
+            again = _registered(fixed, moving, options, report)
+            found = again if again.converged else found
+            break
+    report(1.0, "registered" if found.converged else "not registered")
+    return found
+
+
+def _registered(reference: Scan, model: Scan, options: Options, report: Report) -> Alignment:
     medium = _Medium(reference, model, options, report)
     best: _Reached | None = None
-    for start in _starts(reference, model, options, report):
-        reached = medium.run(start)
+    start = translation(model.origin - reference.origin)
+    if options.T_reference_model is not None:
+        start = translation(-reference.origin) @ checked(options.T_reference_model) @ translation(model.origin)
+    for guess in starts(reference, model, start, options.search, options.threads, report):
+        reached = medium.run(guess)
         if best is None or (not reached.verdict.fault, reached.verdict.overlap) > (False, best.verdict.overlap):
             best = reached
         if not reached.verdict.fault:
             break
         report(0.5, f"a guess was refuted: {reached.verdict.fault}")
     assert best is not None  # there is a start at least
-    found = _alignment(reference, model, medium.refined(best))
-    report(1.0, "registered" if found.converged else "not registered")
-    return found
-
-
-def _starts(reference: Surface, model: Surface, options: Options, report: Report) -> Iterator[FloatArray]:
-    """Give the start, or where the views stand, then the guesses that a tournament leaves."""
-    between = model.origin - reference.origin
-    start = translation(between)
-    if options.T_reference_model is not None:
-        start = translation(-reference.origin) @ checked(options.T_reference_model) @ translation(model.origin)
-    yield start
-    if not options.search:
-        return
-    report(0.1, "coarse: curvatures")
-    try:
-        pair = curved(reference, COARSE_POINTS), curved(model, COARSE_POINTS)
-    except ValueError:  # too torn for whole windows; guesses need none
-        pass
-    else:
-        yield draw_near(*pair, start, COARSE_ITERATIONS, lambda made: report(0.1, f"coarse: {made.pairs} pairs"))
-    for number, (guess, rounds) in enumerate(((_by_shape, SHORT), (_by_axes, ROUNDS), (_by_shape_again, ROUNDS))):
-        report(0.2 + 0.1 * number, "first guesses")
-        found = guess(reference, model)
-        if found:
-            for one in tournament(reference, model, found, lambda _, text: report(0.3, text), options.threads, rounds):
-                yield one.T_reference_model
-
-
-def _by_shape(reference: Surface, model: Surface) -> list[FloatArray]:
-    """Return what local shapes agree on, whatever the turn between the views."""
-    return guesses(reference.level(SHAPE_POINTS), model.level(SHAPE_POINTS), SHAPES)
-
-
-def _by_axes(reference: Surface, model: Surface) -> list[FloatArray]:
-    """Return turns about the image's axes and the alignments of principal axes: what has no shapes, may have these."""
-    p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
-    return turns(p, q, model.origin - reference.origin) + principal_axes(p, q)
-
-
-def _by_shape_again(reference: Surface, model: Surface) -> list[FloatArray]:
-    """Return what local shapes agree on, more of them and of smaller surroundings."""
-    levels = reference.level(MORE_POINTS), model.level(MORE_POINTS)
-    return guesses(*levels, SHAPES, Search(radius=4.0, described=2500, correspondences=1500))
+    return _alignment(reference, model, medium.refined(best))
 
 
 @dataclass(frozen=True)
@@ -149,8 +116,8 @@ class _Reached:
 class _Medium:
     """The loop and its verification on one level of both surfaces, and the last stage on all points."""
 
-    reference: Surface
-    model: Surface
+    reference: Scan
+    model: Scan
     options: Options
     report: Report
 
@@ -176,11 +143,16 @@ class _Medium:
         """Return what all points make of it; what was refuted, or is not held on all sides, stays as it is."""
         if reached.verdict.fault:
             return reached
+        wish = self.options
+        if not (isinstance(self.reference, Surface) and isinstance(self.model, Surface)):
+            self.report(0.85, "fine: closest points")
+            closest = replace(wish.medium, iterations=wish.fine_iterations, still=EXACT, stage="fine")
+            dense = self._on(wish.fine_points, reached.T_reference_model, closest, wish.limits)
+            return replace(dense, history=reached.history + dense.history)
         self.report(0.85, "fine: patches")
         fixed = self.reference.patches
         self.report(0.9, "fine: patches")
         moving = self.model.patches
-        wish = self.options
         start = reached.T_reference_model
         fine = refine(fixed, moving, start, self._tell, wish.fine_points, wish.fine_iterations)
         history = reached.history + fine.history
@@ -200,12 +172,14 @@ class _Medium:
         self.report(0.7, f"{made.stage}: {made.rms_mm:.4g} mm RMS over {made.pairs} pairs")
 
 
-def _alignment(reference: Surface, model: Surface, reached: _Reached) -> Alignment:
+def _alignment(reference: Scan, model: Scan, reached: _Reached) -> Alignment:
     verdict = reached.verdict
     fault = verdict.fault or ("" if reached.settled else f"stopped after {reached.stopped}")
     covariance = None if verdict.covariance is None else in_frame(verdict.covariance, reference.origin)
     full = translation(reference.origin) @ reached.T_reference_model @ translation(-model.origin)
-    reason = (fault + _mirrored(reference, model)) if fault else reached.stopped
+    reason = fault or reached.stopped
+    if fault and isinstance(reference, Surface) and isinstance(model, Surface):
+        reason += _mirrored(reference, model)
     return Alignment(full, not fault, reason, verdict.rms_mm, verdict.overlap, covariance, reached.history)
 
 
@@ -224,7 +198,7 @@ def _mirrored(reference: Surface, model: Surface) -> str:
     )
 
 
-def require_same_units(reference: Surface, model: Surface) -> None:
+def require_same_units(reference: Scan, model: Scan) -> None:
     """Raise ValueError where extent or resolution say that the surfaces are in different units."""
     extent = reference.diagonal_mm / model.diagonal_mm
     resolution = reference.spacing_mm / model.spacing_mm

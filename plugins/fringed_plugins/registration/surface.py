@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import cv2
 import numpy as np
@@ -56,6 +56,34 @@ class Level:
     def inner(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return points, normals and sigma of the interior."""
         return self.points[self.interior], self.normals[self.interior], self.sigma_mm[self.interior]
+
+
+class Scan(Protocol):
+    """What a registration needs of a view, with a grid (`Surface`) or without (`clouds.CloudSurface`)."""
+
+    @property
+    def name(self) -> str:
+        """What messages call it."""
+        ...
+
+    @property
+    def origin(self) -> FloatArray:
+        """Where its levels' points are relative to."""
+        ...
+
+    @property
+    def spacing_mm(self) -> float:
+        """The distance of neighbours."""
+        ...
+
+    @property
+    def diagonal_mm(self) -> float:
+        """The extent."""
+        ...
+
+    def level(self, most_points: int) -> Level:
+        """Return at most about so many points with normals."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ def pairs(surfaces, truth):
     found = {}
     for k in range(COUNT):
         i, j = k, (k + 1) % COUNT
-        found[i, j] = register(surfaces[i], surfaces[j], Options(inverse(truth[i]) @ truth[j], search=False))
+        found[i, j] = register(surfaces[i], surfaces[j], Options(inverse(truth[i]) @ truth[j], search=""))
     return found
 
 

@@ -7,10 +7,10 @@ import json
 import msgspec
 import numpy as np
 import pytest
-from analytic_relief import errors, hand, pose, see
-from scipy.spatial import cKDTree
+from analytic_relief import errors, hand, head, pose, see
+from scipy.spatial import Delaunay, cKDTree
 
-from fringed.data import Model, RangeImage, Registration
+from fringed.data import Mesh, Model, RangeImage, Registration
 from fringed.errors import Cancelled, ConvergenceError, DataError
 from fringed.hookspecs import Processor
 from fringed.wire import decode, encode
@@ -99,11 +99,50 @@ def test_method_of_the_literature_is_chosen_by_name(seen, images):
 def test_refuted_start_is_followed_by_guesses_unless_told_not_to(images):
     start = np.eye(4)
     start[:3, 3] = [400.0, 0, 0]
-    params = msgspec.convert({"T_reference_model": start.tolist(), "search": False}, Register.Params)
+    params = msgspec.convert({"T_reference_model": start.tolist(), "search": "none"}, Register.Params)
     alone = Register().run({"reference": images[0], "model": images[1]}, params, Host())
     assert not alone.converged
     params = msgspec.convert({"T_reference_model": start.tolist()}, Register.Params)
     assert Register().run({"reference": images[0], "model": images[1]}, params, Host()).converged
+
+
+def test_guesses_of_one_kind_are_chosen_by_name(images):
+    start = np.eye(4)
+    start[:3, 3] = [400.0, 0, 0]
+    params = msgspec.convert({"T_reference_model": start.tolist(), "search": "oriented-pairs"}, Register.Params)
+    assert Register().run({"reference": images[0], "model": images[1]}, params, Host()).converged
+    with pytest.raises(DataError, match="did you mean oriented-pairs"):
+        Register().run({"reference": images[0], "model": images[1]}, Register.Params(search="oriented-pair"), Host())
+
+
+def test_models_and_meshes_register_without_a_grid(seen, images):
+    """A view, its bare points, and a mesh of the true relief: all meet, and tell it as range images do."""
+    bare = images[1].xyz_mm[images[1].rejected == 0]
+    cloud = Model(bare, np.zeros_like(bare), np.zeros(len(bare), np.uint8), id="bare")
+    for reference, model in ((images[0], cloud), (cloud, images[0])):
+        found = Register().run({"reference": reference, "model": model}, Register.Params(), Host())
+        T = found.T_reference_model if reference is images[0] else np.linalg.inv(found.T_reference_model)
+        assert found.converged and found.covariance.shape == (6, 6)
+        assert errors(T, seen[0], seen[1])[1] < 0.05
+    x, y = (a.ravel() for a in np.meshgrid(np.linspace(-80, 80, 161), np.linspace(-105, 105, 211)))
+    faces = Delaunay(np.stack([x, y], axis=1)).simplices.astype(np.int32)
+    vertices = np.stack([x, y, head(x, y)], axis=1)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    back = np.cross(b - a, c - a)[:, 2] > 0  # triangles that face away from the camera, which looks along z
+    faces[back] = faces[back][:, ::-1]
+    start = seen[0].T_camera_object @ pose((0, 5, 0), (2, 1, -1000))
+    params = msgspec.convert({"T_reference_model": start.tolist()}, Register.Params)
+    found = Register().run({"reference": images[0], "model": Mesh(vertices, faces)}, params, Host())
+    assert found.converged, found.reason
+    off = np.linalg.inv(seen[0].T_camera_object) @ found.T_reference_model
+    assert np.abs(off - np.eye(4)).max() < 0.03
+
+
+def test_methods_of_range_images_say_what_they_need(images):
+    bare = images[1].xyz_mm[images[1].rejected == 0]
+    cloud = Model(bare, np.zeros_like(bare), np.zeros(len(bare), np.uint8))
+    with pytest.raises(DataError, match="has no grid"):
+        Register().run({"reference": images[0], "model": cloud}, Register.Params(method="icpif"), Host())
 
 
 def test_failure_is_a_product_that_says_why(images):

@@ -5,8 +5,10 @@ import struct
 import numpy as np
 import pytest
 
+from fringed.data import Mesh, Model
 from fringed.errors import DataError
-from fringed.simulation.shapes.files import MeshOptions, load_mesh, mesh_file
+from fringed.simulation.shapes.files import MeshOptions, mesh_file
+from fringed.surface_files.reading import product_of_file, read_surface
 
 VERTICES = np.array([[0.0, 0, 0], [10, 0, 0], [10, 20, 0], [0, 20, 5]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])
@@ -69,9 +71,12 @@ GOOD = {
 def test_every_format_gives_the_same_triangles(tmp_path, name):
     path = tmp_path / name
     path.write_bytes(GOOD[name])
-    vertices, faces, albedo = load_mesh(path)
-    np.testing.assert_allclose(vertices[faces], VERTICES[FACES])
-    assert (albedo is not None) == name.startswith("colours")
+    read = read_surface(path)
+    np.testing.assert_allclose(read.vertices[read.faces], VERTICES[FACES])
+    assert (read.albedo is not None) == name.startswith("colours")
+    mesh = product_of_file(path)
+    assert isinstance(mesh, Mesh) and mesh.faces.dtype == np.int32
+    np.testing.assert_allclose(mesh.vertices_mm[mesh.faces], VERTICES[FACES])
 
 
 @pytest.mark.parametrize("name", GOOD)
@@ -100,10 +105,43 @@ def test_size_and_place_can_be_chosen(tmp_path):
 
 
 def test_a_missing_file_and_another_format_are_named(tmp_path):
-    with pytest.raises(DataError, match="there is no mesh file"):
-        load_mesh(tmp_path / "none.ply")
+    with pytest.raises(DataError, match="there is no file"):
+        read_surface(tmp_path / "none.ply")
     with pytest.raises(DataError, match=r"\.ply, \.stl, \.obj"):
-        load_mesh(tmp_path / "a.step")
+        read_surface(tmp_path / "a.step")
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(DataError, match="cannot be read"):
-        load_mesh(tmp_path / "folder.ply")
+        read_surface(tmp_path / "folder.ply")
+
+
+POINTS = {
+    "normals.ply": "ply\nformat ascii 1.0\nelement vertex 4\n"
+    + "".join(f"property float {n}\n" for n in ("x", "y", "z", "nx", "ny", "nz"))
+    + "property uchar intensity\nend_header\n"
+    + "".join(f"{x} {y} {z} 0 0 1 51\n" for x, y, z in VERTICES),
+    "normals.xyz": "# by hand\n" + "".join(f"{x} {y} {z} 0 0 1\n" for x, y, z in VERTICES),
+    "commas.xyz": "".join(f"{x}, {y}, {z}\n" for x, y, z in VERTICES),
+    "points.obj": "".join("v {} {} {}\n".format(*v) for v in VERTICES),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_points_without_triangles_are_a_model(tmp_path, name):
+    path = tmp_path / name
+    path.write_text(POINTS[name])
+    model = product_of_file(path)
+    assert isinstance(model, Model) and model.faces is None
+    np.testing.assert_allclose(model.points_mm, VERTICES)
+    assert model.normals.tolist() == [[0, 0, 1.0 if name.startswith("normals") else 0]] * 4
+    assert model.intensity.tolist() == [51 if name == "normals.ply" else 0] * 4
+    if name.endswith((".ply", ".obj")):
+        with pytest.raises(DataError, match="triangles"):
+            mesh_file(MeshOptions(path=str(path)))
+
+
+@pytest.mark.parametrize("text", ["", "1 2\n3 4\n", "1 2 3\n1 2\n", "a b c\n"])
+def test_lines_that_are_no_points_are_refused(tmp_path, text):
+    path = tmp_path / "a.xyz"
+    path.write_text(text)
+    with pytest.raises(DataError, match="XYZ"):
+        read_surface(path)

@@ -105,18 +105,18 @@ def cloud_features(
     """
     given = _checked(points, neighbours, sigma)
     known = np.asarray(np.isfinite(given).all(axis=1), np.bool_)
-    keep, group = _distinct(given[known])
+    keep, group = distinct(given[known])
     rows = np.flatnonzero(known)[keep]
     if len(rows) <= neighbours:
         raise ValueError(f"{len(rows)} distinct finite points; {neighbours} neighbours need {neighbours + 1} at least")
-    distinct = np.ascontiguousarray(given[rows])
+    kept = np.ascontiguousarray(given[rows])
     seen = None if viewpoint is None else _viewpoints(viewpoint, len(given), rows)
-    out, near, resolution = _fitted(distinct, neighbours, threads, report)
+    out, near, resolution = _fitted(kept, neighbours, threads, report)
     if seen is not None:
-        sign = towards(distinct, out[:, 2:5], seen)
+        sign = towards(kept, out[:, 2:5], seen)
     else:
-        sign = consistent(distinct, out[:, 2:5], near, lambda done, text: report(0.7 + 0.3 * done, text))
-    found = _features(out, sign, neighbours + 1, (resolution, sigma, _rounding(points, distinct)))
+        sign = consistent(kept, out[:, 2:5], near, lambda done, text: report(0.7 + 0.3 * done, text))
+    found = _features(out, sign, neighbours + 1, (resolution, sigma, _rounding(points, kept)))
     report(1.0, "features of the cloud")
     return found if len(rows) == len(given) else _spread_out(found, known, group)
 
@@ -142,8 +142,8 @@ def cloud_level(points: Array, normals: Array | None = None, viewpoint: Array | 
     """
     given = _checked(points, LEAST_NEIGHBOURS, None)
     known = np.flatnonzero(np.isfinite(given).all(axis=1))
-    rows = known[_distinct(given[known])[0]]
-    _require_surface(given, known, rows)
+    rows = known[distinct(given[known])[0]]
+    require_surface(given, known, rows)
     kept = given[rows]
     seen = None if viewpoint is None else _viewpoints(viewpoint, len(given), rows)
     found = cloud_features(kept.astype(np.asarray(points).dtype), viewpoint=seen, threads=threads)
@@ -184,7 +184,7 @@ def _viewpoints(viewpoint: Array, count: int, rows: Index) -> FloatArray:
     return seen
 
 
-def _distinct(points: FloatArray) -> tuple[Index, Index]:
+def distinct(points: FloatArray) -> tuple[Index, Index]:
     """Return which rows to keep so that no two are the same, and for each row which of those it is like."""
     same_key = points @ np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)])
     order = np.argsort(same_key, kind="stable")
@@ -256,16 +256,18 @@ def _spread_out(found: CloudFeatures, known: BoolArray, group: Index) -> CloudFe
     )  # fmt: skip
 
 
-def _require_surface(given: FloatArray, known: Index, rows: Index) -> None:
+def require_surface(given: Array, known: Index, rows: Index, name: str = "cloud") -> None:
+    """Raise ValueError where too few of the points are finite (`known`) and distinct (`rows`), or all on a line."""
     if len(rows) < MIN_POINTS:
         raise ValueError(
-            f"the cloud has {len(given)} points, {len(known)} of them finite and {len(rows)} distinct; registration "
+            f"the {name} has {len(given)} points, {len(known)} of them finite and {len(rows)} distinct; registration "
             f"needs {MIN_POINTS}"
         )
-    off = given[rows] - given[rows].mean(axis=0)
+    off = given[rows].astype(np.float64)
+    off -= off.mean(axis=0)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(off.T @ off), 0.0))
     if not spread[1] > COLLINEAR * spread[2]:
-        raise ValueError("the points of the cloud lie on one line; a registration needs a surface")
+        raise ValueError(f"the points of the {name} lie on one line; a registration needs a surface")
 
 
 def _unit(normals: Array, count: int, rows: Index) -> tuple[FloatArray, BoolArray]:

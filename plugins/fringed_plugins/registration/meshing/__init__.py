@@ -8,6 +8,7 @@
     filling    the field where nobody has looked, for watertight meshes
     triangles  the mesh: topology, normals, specks
     colouring  normals, intensity and confidence of the vertices
+    sampling   points spread evenly over triangles
     integrate  all of it for registered views
 
 Knows nothing of the daemon, of plug-ins or of files.

@@ -101,7 +101,7 @@ def _registered(
             wanted[i, j] = inverse(T_model_view[i]) @ T_model_view[j]
     for number, ((i, j), start) in enumerate(wanted.items()):
         report(number / len(wanted), f"loops: view {j} to view {i}")
-        found = register(surfaces[i], surfaces[j], replace(options, T_reference_model=start, search=False))
+        found = register(surfaces[i], surfaces[j], replace(options, T_reference_model=start, search=""))
         if found.converged or (i, j) not in made:
             made[i, j] = found
     return made

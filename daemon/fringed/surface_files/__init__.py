@@ -1,0 +1,1 @@
+"""Files of points and triangles: what simulated objects and registration read; `mesh` of the plug-ins writes them."""
