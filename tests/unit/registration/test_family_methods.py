@@ -21,7 +21,7 @@ from fringed_plugins.registration.surface import prepare
 from fringed_plugins.registration.transforms import rotation_angle
 
 NEAR = pose((0.4, -0.6, 0.5), (0.06, -0.04, 0.05))  # within a resolution or so, where every method gets home
-SLOW = {"turk-levoy", "trimmed", "ransac", "godin", "lmeds", "masuda-yokoya", "zhang", "scaling"}
+SLOW = {"turk-levoy", "trimmed", "ransac", "godin", "lmeds", "masuda-yokoya", "zhang", "scaling", "random"}
 
 
 @pytest.fixture(scope="module")

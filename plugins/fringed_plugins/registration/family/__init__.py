@@ -1,6 +1,7 @@
 """The family of iterative closest point methods as policies that compose.
 
     frames        what is known of each point: normals, invariants in units of noise, boundaries
+    describing    other invariants for both: moments, spherical harmonics of what lies around a point
     selection     which model points are asked: all, uniform, random, by normals, by curvature
     matching      whom they meet: closest, closest in place and invariants, projective, along normals
     rejection     which pairs are dropped: adaptive, boundary, normals, one-to-one, trimmed, least median, consensus

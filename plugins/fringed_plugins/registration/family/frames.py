@@ -23,6 +23,7 @@ from fringed_plugins.registration.transforms import FloatArray
 Index = npt.NDArray[np.intp]
 WINDOWS_PX = (7, 11, 15, 21)
 LEAST_WHOLE = 200
+BESIDE = 7  # points around one and itself, where there is no grid
 CERTAIN = 1 / 6  # noise of a curvature in units of its spread: more would say nothing of who belongs to whom
 FEATURE_FLOOR = 0.02  # of the features' spread: no curvature repeats better between two samplings
 
@@ -65,7 +66,7 @@ class Frame:
         return float(np.sqrt(((self.points - self.points.mean(0)) ** 2).sum(1).mean()))
 
     def with_features(self, features: FloatArray, whole: BoolArray | None = None) -> Frame:
-        """Return the frame with other invariants, such as `features.invariants` gives.
+        """Return the frame with other invariants, such as `features.invariants` gives; `rim` follows `whole`.
 
         Raises
         ------
@@ -75,7 +76,19 @@ class Frame:
         whole = self.whole if whole is None else whole
         if features.ndim != 2 or len(features) != len(self) or not np.isfinite(features[whole]).all():
             raise ValueError(f"features of shape {features.shape} for {len(self)} points; expected (n, m), finite")
-        return replace(self, features=np.where(whole[:, None], features, 0.0), whole=whole)
+        rim = self.rim if whole is self.whole else self._rim_of(whole)
+        return replace(self, features=np.where(whole[:, None], features, 0.0), whole=whole, rim=rim)
+
+    def _rim_of(self, whole: BoolArray) -> BoolArray:
+        """Return which points (n,) are not whole, or have one beside them that is not or is missing."""
+        if self.pixel is None:
+            beside: Index = self.tree.query(self.points, range(1, min(BESIDE, len(self)) + 1))[1]
+            apart: BoolArray = self.boundary | ~whole[beside].all(axis=1)
+            return apart
+        grid = self.pixel >= 0
+        inner = np.empty(len(self), np.bool_)
+        inner[self.pixel[grid]] = complete(grid & whole[self.pixel], 3)[grid]
+        return ~inner
 
 
 def frame_of(surface: Surface, most_points: int | None = None, window_px: int | None = None) -> Frame:

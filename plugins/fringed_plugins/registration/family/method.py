@@ -1,7 +1,7 @@
 """The loop that all iterative closest point methods share, and what one of them is made of.
 
-Owns the order select -> match -> reject -> weigh -> minimise -> accelerate -> stop, and the history. Knows no policy
-by name; `presets` does.
+Owns the order describe -> select -> match -> reject -> weigh -> minimise -> accelerate -> stop, and the history.
+Knows no policy by name; `presets` does.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fringed_plugins.registration.family.acceleration import Acceleration, Memory, Plain
+from fringed_plugins.registration.family.describing import AsGiven, Describing
 from fringed_plugins.registration.family.frames import Frame, Index
 from fringed_plugins.registration.family.matching import Closest, Finder, Matching, Query
 from fringed_plugins.registration.family.minimising import Minimising, PointToPoint
@@ -50,6 +51,7 @@ class Method:
     name: str
     title: str
     source: str
+    describe: Describing = field(default_factory=AsGiven)
     select: Selection = field(default_factory=Everything)
     match: Matching = field(default_factory=Closest)
     reject: tuple[Rejection, ...] = ()
@@ -148,8 +150,9 @@ def align(
     Raises
     ------
     ValueError
-        the method needs what the frames lack (a grid, features).
+        the method needs what the frames lack (a grid, features, complete neighbourhoods).
     """
+    reference, model = method.describe(reference, model, threads, report)
     _check(method, reference, model)
     T = translation(model.origin - reference.origin) if T is None else np.array(T, np.float64)
     run = _Run(method, reference, model, method.match.prepare(reference, threads), np.random.default_rng(seed))

@@ -6,6 +6,7 @@ Owns the table alone. The thesis (section 4.6) reviews them; its own is `icpif`.
 from __future__ import annotations
 
 from fringed_plugins.registration.family.acceleration import Anderson, Extrapolation
+from fringed_plugins.registration.family.describing import Neighbourhoods
 from fringed_plugins.registration.family.matching import InvariantFeatures, NormalShooting, Projective
 from fringed_plugins.registration.family.method import Method, Stop
 from fringed_plugins.registration.family.minimising import (
@@ -69,6 +70,19 @@ _ALL = (
         select=Everything(whole=True), match=InvariantFeatures(), minimise=PointToPoint("unit-quaternion"),
     ),
     Method(
+        "icpif-moments", "the thesis's method with moment invariants",
+        "Sharp, Lee, Wehe 2002; Sadjadi & Hall: Three-dimensional moment invariants, PAMI 1980; thesis, section 4.4",
+        describe=Neighbourhoods("moments"), select=Uniform(CONTROL_POINTS, whole=True), match=InvariantFeatures(),
+        reject=(Boundary(), Adaptive()), minimise=PointToPoint("dual-quaternion"), start="principal-axes",
+    ),
+    Method(
+        "icpif-harmonics", "the thesis's method with invariants of spherical harmonics",
+        "Sharp, Lee, Wehe 2002; Burel & Henocq: Three-dimensional invariants and their application to object "
+        "recognition, SP 1995; thesis, section 4.4",
+        describe=Neighbourhoods("harmonics"), select=Uniform(CONTROL_POINTS, whole=True), match=InvariantFeatures(),
+        reject=(Boundary(), Adaptive()), minimise=PointToPoint("dual-quaternion"), start="principal-axes",
+    ),
+    Method(
         "turk-levoy", "zippered meshes", "Turk & Levoy: Zippered polygon meshes from range images, SIGGRAPH 1994",
         select=Uniform(CONTROL_POINTS), reject=(Boundary(), Distance(2.0)), minimise=PointToPoint("unit-quaternion"),
     ),
@@ -81,6 +95,13 @@ _ALL = (
         "lmeds", "robust ICP by least median of squares",
         "Trucco, Fusiello, Roberto: Robust motion and correspondence of noisy 3-D point sets, PRL 1999",
         select=Uniform(CONTROL_POINTS), reject=(LeastMedian(),), minimise=PointToPoint("svd"), stop=Stop(still=1e-3),
+    ),
+    Method(
+        "random", "other samples in each iteration",
+        "Masuda, Sakaue, Yokoya: Registration and integration of multiple range images for 3-D model construction, "
+        "ICPR 1996",
+        select=Random(CONTROL_POINTS), reject=(Boundary(), Sigmas()), minimise=PointToPoint("svd"),
+        stop=Stop(still=1e-3),
     ),
     Method(
         "picky", "one partner each", "Zinsser, Schmidt, Niemann: A refined ICP algorithm, ICIP 2003",
@@ -117,7 +138,9 @@ _ALL = (
         minimise=PointToPoint("svd"),
     ),
     Method(
-        "scaling", "scaling ICP", "Du, Zheng, Ying, Xue: Affine iterative closest point algorithm, PRL 2010",
+        "scaling", "scaling ICP",
+        "Du, Zheng, Xiong, Ying, Xue: Scaling iterative closest point algorithm for registration of m-D point sets, "
+        "JVCIR 2010",
         select=Uniform(CONTROL_POINTS), reject=(Boundary(), Sigmas()), minimise=Scaled(),
     ),
     Method(
