@@ -13,6 +13,7 @@ from fringed_plugins.registration.guesses.common import MOST, thinned
 from fringed_plugins.registration.guesses.consistent import Grouping, Matches, consistency, motions
 from fringed_plugins.registration.guesses.darces import laid
 from fringed_plugins.registration.guesses.features import histograms
+from fringed_plugins.registration.guesses.genes import children
 from fringed_plugins.registration.guesses.spin import SpinImages, similarity, spun
 from fringed_plugins.registration.transforms import apply, rigid, rotation, rotation_angle
 
@@ -168,3 +169,21 @@ def test_a_triangle_is_laid_on_each_of_those_that_are_like_it():
     triangle = rng.normal(size=(3, 3))
     truths = np.array([rigid(rotation(rng.normal(size=3)), rng.normal(size=3)) for _ in range(5)])
     assert np.abs(laid(np.array([apply(T, triangle) for T in truths]), triangle) - truths).max() < 1e-12
+
+
+def test_children_are_rigid_and_without_mutation_take_after_the_better_parents():
+    rng = np.random.default_rng(6)
+    parents = np.array([rigid(rotation(rng.normal(size=3)), rng.normal(size=3)) for _ in range(8)])
+    middle = np.array([5.0, -2.0, 1.0])
+    score = np.arange(8.0)
+    born = children(parents, score, 4000, (middle, 3.0, 0.0), rng)
+    R = born[:, :3, :3]
+    assert np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max() < 1e-12
+    apart = np.abs(R[:, None] - parents[:, :3, :3]).max((2, 3))
+    assert apart.min(axis=1).max() < 1e-12
+    times = np.bincount(apart.argmin(axis=1), minlength=8)
+    # of a tournament of three the best wins with 1 - (7/8)^3 = 0.33, the worst with (1/8)^3
+    assert abs(times[7] / 4000 - 0.33) < 0.05
+    assert times[0] < 40
+    mutated = children(parents, score, 4000, (middle, 3.0, 0.2), rng)
+    assert np.abs(mutated[:, :3, :3] - parents[7, :3, :3]).max((1, 2)).min() > 0

@@ -4,6 +4,7 @@
     features     local feature histograms (FPFH) and correspondences that agree
     spin         spin images and geometric consistency
     darces       RANSAC-DARCES: random triangles, found again exhaustively
+    genes        a genetic algorithm
 
     consistent   groups of correspondences that one motion can have made
     common       what they share: evenly thinned points, motions that agree, the overlap that a motion makes
@@ -23,6 +24,8 @@ from fringed_plugins.registration.guesses.darces import NAME as DARCES
 from fringed_plugins.registration.guesses.darces import ransac_darces
 from fringed_plugins.registration.guesses.features import NAME as FEATURES
 from fringed_plugins.registration.guesses.features import local_features
+from fringed_plugins.registration.guesses.genes import NAME as GENES
+from fringed_plugins.registration.guesses.genes import genetic
 from fringed_plugins.registration.guesses.pairs import NAME as PAIRS
 from fringed_plugins.registration.guesses.pairs import oriented_pairs
 from fringed_plugins.registration.guesses.spin import NAME as SPIN
@@ -35,4 +38,5 @@ GUESSERS: dict[str, Guesser] = {
     FEATURES: local_features,
     SPIN: spin_images,
     DARCES: ransac_darces,
+    GENES: genetic,
 }
