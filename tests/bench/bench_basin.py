@@ -35,7 +35,8 @@ def start(degrees, axis):
 
 
 def ours(reference, model, T, search):
-    found = register(prepare(reference), prepare(model), Options(T_reference_model=T, search=search, threads=2))
+    wish = Options(T_reference_model=T, search="auto" if search else "", threads=2)
+    found = register(prepare(reference), prepare(model), wish)
     return found.T_reference_model if found.converged else None
 
 

@@ -193,7 +193,7 @@ def sensitivity():
         outcome = align(METHODS["icpif"], *frames, between, iterations=100, threads=2)
         cells.append((outcome.between(*frames), True))
         for search in (False, True):
-            found = register(*surfaces, Options(T_reference_model=start, search=search, threads=2))
+            found = register(*surfaces, Options(T_reference_model=start, search="auto" if search else "", threads=2))
             cells.append((found.T_reference_model, found.converged))
         errors = [experiment.errors(T) for T, _ in cells]
         said = [f"{t:9.3f} {r:9.3f}{'' if ok else ' refused'}" for (t, r), (_, ok) in zip(errors, cells, strict=True)]

@@ -15,35 +15,45 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from fringed_plugins.registration.features.cloud import CloudFeatures, cloud_features, distinct, require_surface
+from fringed_plugins.registration.features.cloud import CloudFeatures, cloud_features, require_surface
+from fringed_plugins.registration.features.grouping import Counts, distinct, means, voxels
 from fringed_plugins.registration.invariant import Curved
 from fringed_plugins.registration.surface import MIN_INTERIOR, Level
 from fringed_plugins.registration.transforms import FloatArray
 
 Array = npt.NDArray[Any]
+Tell = Callable[[], None]
 CELLS = 64  # along the diagonal: for the area
 WALLS = 1.5  # cells that a surface meets for each cell's face of its area
 BASE_POINTS = 6000  # that find which side is out
-DENSEST = 60_000  # more points of a level would say no more of a motion, and take their time
+DENSEST = 60_000  # points; means of more of them are as good
+MOST_GIVEN = 100_000  # normals
 NEIGHBOURS = 20
+
+
+def _silent() -> None:
+    pass
 
 
 @dataclass(frozen=True)
 class CloudSurface:
-    """One cleaned cloud: `points` (n, 3) relative to `origin`; `outside` (m, 3) and (m, 3), points and normals.
+    """One cleaned cloud: `points` (n, 3) relative to `origin`, each the mean of `counts` (n,) given ones.
 
-    `spacing_mm` is the root of the area that a point has, `diagonal_mm` the extent; lengths are in the points' unit.
-    `sided` says whether somebody knew the outside, or it was found: then it may be the wrong side of an open surface.
+    `outside` is (m, 3) and (m, 3), points and unit normals; `sided` says whether somebody knew that side, or it was
+    found: then it may be the wrong one of an open surface. `spacing_mm` is the root of the area that a point has,
+    `diagonal_mm` the extent; lengths are in the points' unit. `tell` hears of every step and may raise to stop it.
     """
 
     name: str
     points: FloatArray
+    counts: Counts
     origin: FloatArray
     spacing_mm: float
     diagonal_mm: float
     outside: tuple[FloatArray, FloatArray]
     sided: bool
     threads: int = 1
+    tell: Tell = field(default=_silent, compare=False, repr=False)
     _made: dict[int, tuple[FloatArray, CloudFeatures]] = field(default_factory=dict, compare=False, repr=False)
 
     def level(self, most_points: int) -> Level:
@@ -80,13 +90,15 @@ class CloudSurface:
         return replace(self, outside=(at, -normals), _made={})
 
     def _features(self, most_points: int) -> tuple[FloatArray, CloudFeatures]:
-        most = min(most_points, DENSEST)
+        most = min(most_points, len(self.points))
         if most not in self._made:
-            points = _thin(self.points, _voxel(self.points, self.spacing_mm, most))[0]
+            voxel = _voxel(self.points, self.spacing_mm, most, self.tell)
+            points, _ = _thin(self.points, self.counts, voxel)
             at, normals = self.outside
             nearest = cKDTree(at).query(points, workers=self.threads)[1]
             seen = points + self.diagonal_mm * normals[nearest]
-            self._made[most] = points, cloud_features(points, NEIGHBOURS, seen, self.threads)
+            found = cloud_features(points, NEIGHBOURS, seen, self.threads, report=lambda *_: self.tell())
+            self._made[most] = points, found
         return self._made[most]
 
     def _spacing(self, count: int) -> float:
@@ -99,7 +111,7 @@ def prepare_cloud(
     viewpoint: Array | None = None,
     name: str = "cloud",
     threads: int = 1,
-    tell: Callable[[], None] = lambda: None,
+    tell: Tell = _silent,
 ) -> CloudSurface:
     """Return the surface of points without a grid, in any unit.
 
@@ -117,7 +129,7 @@ def prepare_cloud(
     threads
         of the searches for neighbours.
     tell
-        called between the steps; may raise to stop the work.
+        called between the steps, those of later work on the cloud too; may raise to stop it.
 
     Raises
     ------
@@ -134,76 +146,66 @@ def prepare_cloud(
     rows = distinct(exact)[0]
     tell()
     require_surface(given, known, known[rows], name)
+    tell()
     exact = exact[rows]
     origin = np.median(exact[:: max(1, len(exact) // 10_000)], axis=0)
     exact -= origin
     low, high = np.percentile(exact[:: max(1, len(exact) // 100_000)], (1, 99), axis=0)
     diagonal = float(np.linalg.norm(high - low))
-    spacing = float(np.sqrt(_area(exact, diagonal) / len(exact)))
+    spacing = float(np.sqrt(_area(exact, diagonal, tell) / len(exact)))
+    dense, counts = _thin(exact, np.ones(len(exact), np.int64), _voxel(exact, spacing, DENSEST, tell))
     tell()
     directions = None if normals is None else np.asarray(normals, np.float64)[known[rows]]
     seen = None if viewpoint is None else np.asarray(viewpoint, np.float64).reshape(3) - origin
-    outside = _outside(exact, directions, seen, spacing, threads)
+    outside = _given(exact, directions)
+    sided = outside is not None or viewpoint is not None
+    if outside is None:
+        base, _ = _thin(dense, counts, _voxel(dense, spacing * np.sqrt(len(exact) / len(dense)), BASE_POINTS, tell))
+        tell()
+        found = cloud_features(base, min(NEIGHBOURS, len(base) - 1), seen, threads, report=lambda *_: tell())
+        kept = (found.normals**2).sum(1) > 0
+        outside = base[kept], found.normals[kept]
     tell()
-    sided = viewpoint is not None or (normals is not None and bool(np.any(np.nan_to_num(normals))))
-    return CloudSurface(name, exact, origin, spacing, diagonal, outside, sided, threads)
+    spacing *= float(np.sqrt(len(exact) / len(dense)))
+    return CloudSurface(name, dense, counts, origin, spacing, diagonal, outside, sided, threads, tell)
 
 
-def _outside(
-    points: FloatArray, normals: FloatArray | None, seen: FloatArray | None, spacing: float, threads: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return points and unit normals to the outside: given ones, or found."""
-    if normals is not None:
-        length = np.linalg.norm(normals, axis=1)
-        certain = np.isfinite(length) & (length > 0)
-        if certain.any():
-            return points[certain], normals[certain] / length[certain, None]
-    at = _thin(points, _voxel(points, spacing, BASE_POINTS))[0]
-    found = cloud_features(at, min(NEIGHBOURS, len(at) - 1), seen, threads)
-    kept = (found.normals**2).sum(1) > 0
-    return at[kept], found.normals[kept]
+def _given(points: FloatArray, normals: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
+    """Return some points and their unit normals, where any are known."""
+    if normals is None:
+        return None
+    some = slice(None, None, max(1, len(points) // MOST_GIVEN))
+    points, normals = points[some], normals[some]
+    length = np.linalg.norm(normals, axis=1)
+    certain = np.isfinite(length) & (length > 0)
+    return (points[certain], normals[certain] / length[certain, None]) if certain.any() else None
 
 
-def _area(points: FloatArray, diagonal: float) -> float:
+def _area(points: FloatArray, diagonal: float, tell: Tell) -> float:
     """Return the area of the surface, roughly: of the cells that it meets."""
     cell = diagonal / CELLS
     while True:
-        met = _keys(points, cell)[1]
+        tell()
+        met = voxels(points, cell)[1]
         if met * 4 < len(points) or cell > diagonal / 4:  # cells that hold a point at most say nothing of the area
             return met * cell**2 / WALLS
         cell *= 2
 
 
-def _voxel(points: FloatArray, spacing: float, most: int) -> float:
+def _voxel(points: FloatArray, spacing: float, most: int, tell: Tell) -> float:
     """Return the side of voxels that leave about `most` points; 0 where there are no more."""
     if len(points) <= most:
         return 0.0
     voxel = spacing * float(np.sqrt(WALLS * len(points) / most))
     for _ in range(3):
-        count = _keys(points, voxel)[1]
+        tell()
+        count = voxels(points, voxel)[1]
         if 0.9 * most <= count <= 1.1 * most:
             break
         voxel *= float(np.sqrt(count / most))
     return voxel
 
 
-def _keys(points: FloatArray, voxel: float) -> tuple[npt.NDArray[np.int64], int]:
-    """Return each point's voxel as a number, and how many different ones there are."""
-    cell = np.floor((points - points.min(axis=0)) / voxel).astype(np.int64)
-    size = cell.max(axis=0) + 1
-    keys: npt.NDArray[np.int64] = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
-    ordered = np.sort(keys)
-    return keys, 1 + int((ordered[1:] != ordered[:-1]).sum())
-
-
-def _thin(points: FloatArray, voxel: float) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return the mean of each voxel's points, and how many points it is."""
-    if not voxel > 0:
-        return points, np.ones(len(points), np.int64)
-    keys, _ = _keys(points, voxel)
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    first = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
-    count = np.diff(np.append(first, len(points)))
-    mean: FloatArray = np.add.reduceat(points[order], first, axis=0) / count[:, None]
-    return mean, count
+def _thin(points: FloatArray, counts: Counts, voxel: float) -> tuple[FloatArray, Counts]:
+    """Return the mean of each voxel's points, weighted by their counts, and the sums of these."""
+    return means(points, counts, *voxels(points, voxel)) if voxel > 0 else (points, counts)

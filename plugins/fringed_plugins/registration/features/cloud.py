@@ -16,6 +16,7 @@ from scipy.special import gammaincinv
 
 from fringed_plugins.registration.features.cloud_kernel import fit
 from fringed_plugins.registration.features.grid import in_units_of_noise
+from fringed_plugins.registration.features.grouping import distinct
 from fringed_plugins.registration.features.orienting import consistent, towards
 from fringed_plugins.registration.normals import BoolArray
 from fringed_plugins.registration.result import Report, silent
@@ -182,23 +183,6 @@ def _viewpoints(viewpoint: Array, count: int, rows: Index) -> FloatArray:
     if not np.isfinite(seen).all():
         raise ValueError("the viewpoint is not finite where points are; expected finite numbers, or None")
     return seen
-
-
-def distinct(points: FloatArray) -> tuple[Index, Index]:
-    """Return which rows to keep so that no two are the same, and for each row which of those it is like."""
-    same_key = points @ np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)])
-    order = np.argsort(same_key, kind="stable")
-    new = np.ones(len(points), np.bool_)
-    new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
-    if new.all():
-        return np.arange(len(points)), np.arange(len(points))
-    keep = order[new]
-    place = np.argsort(keep, kind="stable")  # in the order of the points
-    rank = np.empty(len(keep), np.intp)
-    rank[place] = np.arange(len(keep))
-    group = np.empty(len(points), np.intp)
-    group[order] = rank[np.cumsum(new) - 1]
-    return keep[place], group
 
 
 def _fitted(points: FloatArray, neighbours: int, threads: int, report: Report) -> tuple[FloatArray, Index, float]:
