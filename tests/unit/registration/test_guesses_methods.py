@@ -11,20 +11,22 @@ from guessed import rank, relief_pair
 from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.guesses.common import MOST, thinned
 from fringed_plugins.registration.guesses.consistent import Grouping, Matches, consistency, motions
-from fringed_plugins.registration.guesses.darces import laid
+from fringed_plugins.registration.guesses.darces import Darces, laid
 from fringed_plugins.registration.guesses.features import histograms
-from fringed_plugins.registration.guesses.genes import children
+from fringed_plugins.registration.guesses.genes import Genetic, children
+from fringed_plugins.registration.guesses.signatures import bridged, compared
 from fringed_plugins.registration.guesses.spin import SpinImages, similarity, spun
 from fringed_plugins.registration.transforms import apply, rigid, rotation, rotation_angle
 
 POINTS = 4000
+QUICK = {"genetic": Genetic(founders=800, population=100, generations=8), "ransac-darces": Darces(trials=12)}
 METHODS = sorted(GUESSERS)
 PARTIAL = [name for name in METHODS if name != "principal-axes"]  # that one needs views that show nearly the same
 CASES = (("head", 60, 135, 1.0), ("hand", 60, 90, 1e3))
 
 
 def guesses(name, p, q, seed=0, **more):
-    return GUESSERS[name](p, q, None, np.random.default_rng(seed), 1, **more)
+    return GUESSERS[name](p, q, more.pop("options", None), np.random.default_rng(seed), 1, **more)
 
 
 def levels(*case):
@@ -43,10 +45,17 @@ def test_a_right_guess_is_among_the_first(name, case):
     assert rank(found, T, q) is not None
 
 
+def test_principal_axes_find_views_that_show_nearly_the_same():
+    p, q, T = relief_pair("hand", 60, 90, 1e3)
+    found = guesses("principal-axes", p.level(POINTS), q.level(POINTS))
+    assert len(found) <= 4
+    assert rank(found, T, q) is not None
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_the_same_seed_gives_the_same_guesses(name):
     p, q = levels("hand", 60, 90, 1e3)
-    a, b = guesses(name, p, q, 7), guesses(name, p, q, 7)
+    a, b = (guesses(name, p, q, 7, options=QUICK.get(name)) for _ in range(2))
     assert a
     assert all(np.array_equal(x.T_reference_model, y.T_reference_model) for x, y in zip(a, b, strict=True))
 
@@ -76,7 +85,7 @@ def test_points_that_are_not_finite_or_all_in_one_place_are_refused(name):
 def test_a_report_is_heard_in_order_and_stops_the_work(name):
     p, q = levels("hand", 60, 90, 1e3)
     heard = []
-    guesses(name, p, q, report=lambda fraction, _: heard.append(fraction))
+    guesses(name, p, q, options=QUICK.get(name), report=lambda fraction, _: heard.append(fraction))
     assert heard == sorted(heard)
     assert 0 <= heard[0] <= heard[-1] <= 1
     for calls in {1, len(heard) // 2, len(heard)} - {0}:
@@ -87,7 +96,7 @@ def test_a_report_is_heard_in_order_and_stops_the_work(name):
                 raise InterruptedError(text)
 
         with pytest.raises(InterruptedError):
-            guesses(name, p, q, report=report)
+            guesses(name, p, q, options=QUICK.get(name), report=report)
         assert next(left, None) is None  # nothing was asked after it had raised
 
 
@@ -100,7 +109,7 @@ def test_few_points_in_a_great_unit_give_guesses_or_none(name):
     level = replace(
         p, points=bowl, normals=n, interior=np.ones(len(bowl), np.bool_), sigma_mm=np.ones(len(bowl)), spacing_mm=1e6
     )
-    for guess in guesses(name, level, level):
+    for guess in guesses(name, level, level, options=QUICK.get(name)):
         assert np.isfinite(guess.T_reference_model).all()
         assert np.abs(guess.T_reference_model[:3, :3] @ guess.T_reference_model[:3, :3].T - np.eye(3)).max() < 1e-9
 
@@ -187,3 +196,25 @@ def test_children_are_rigid_and_without_mutation_take_after_the_better_parents()
     assert times[0] < 40
     mutated = children(parents, score, 4000, (middle, 3.0, 0.2), rng)
     assert np.abs(mutated[:, :3, :3] - parents[7, :3, :3]).max((1, 2)).min() > 0
+
+
+def test_signatures_say_whose_they_are_and_how_far_they_are_turned():
+    rng = np.random.default_rng(8)
+    p = rng.normal(size=(6, 2, 24))
+    shifts = np.array([0, 3, 11, 12, 20, 23])
+    q = np.array([np.roll(one, -shift, axis=1) for one, shift in zip(p, shifts, strict=True)])[::-1]
+    best, who, turn, share = compared(p, q, 1)
+    assert best.tolist() == [5, 4, 3, 2, 1, 0]
+    assert who.tolist() == [0, 1, 2, 3, 4, 5]
+    assert np.abs(turn - shifts[::-1] * np.radians(15)).max() < 1e-12
+    assert share.min() > 0.99
+
+
+def test_small_gaps_of_a_circle_are_bridged_and_large_ones_are_not():
+    values = np.tile(np.arange(12.0), (3, 1))
+    known = np.ones((3, 12), np.bool_)
+    known[0, 5] = known[1, 3:7] = known[2, 3:8] = False
+    filled, whole = bridged(np.where(known, values, 0.0), known)
+    assert whole.tolist() == [True, True, False]
+    assert np.array_equal(filled[0], values[0])
+    assert filled[1, 2:8].tolist() == [2, 2, 2, 7, 7, 7]

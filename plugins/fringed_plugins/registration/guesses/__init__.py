@@ -3,8 +3,10 @@
     pairs        votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
     features     local feature histograms (FPFH) and correspondences that agree
     spin         spin images and geometric consistency
+    signatures   point signatures: heights around a circle
     darces       RANSAC-DARCES: random triangles, found again exhaustively
     genes        a genetic algorithm
+    axes         principal axes with their four signs
 
     consistent   groups of correspondences that one motion can have made
     common       what they share: evenly thinned points, motions that agree, the overlap that a motion makes
@@ -19,6 +21,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fringed_plugins.registration.guesses.axes import NAME as AXES
+from fringed_plugins.registration.guesses.axes import principal_axes
 from fringed_plugins.registration.guesses.common import Guess
 from fringed_plugins.registration.guesses.darces import NAME as DARCES
 from fringed_plugins.registration.guesses.darces import ransac_darces
@@ -28,6 +32,8 @@ from fringed_plugins.registration.guesses.genes import NAME as GENES
 from fringed_plugins.registration.guesses.genes import genetic
 from fringed_plugins.registration.guesses.pairs import NAME as PAIRS
 from fringed_plugins.registration.guesses.pairs import oriented_pairs
+from fringed_plugins.registration.guesses.signatures import NAME as SIGNATURES
+from fringed_plugins.registration.guesses.signatures import point_signatures
 from fringed_plugins.registration.guesses.spin import NAME as SPIN
 from fringed_plugins.registration.guesses.spin import spin_images
 
@@ -37,6 +43,8 @@ GUESSERS: dict[str, Guesser] = {
     PAIRS: oriented_pairs,
     FEATURES: local_features,
     SPIN: spin_images,
+    SIGNATURES: point_signatures,
     DARCES: ransac_darces,
     GENES: genetic,
+    AXES: principal_axes,
 }
