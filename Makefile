@@ -55,6 +55,12 @@ $(VENV)/.dev: $(VENV)/.installed
 $(VENV)/.bench: $(VENV)/.dev
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python -m pip install --quiet --no-deps 'fringes>=2.1'  # its opencv-contrib would overwrite the headless OpenCV
+	@ready() { ! $(BIN)/python -m pip show --quiet open3d 2>/dev/null || $(BIN)/python -c 'import open3d' >/dev/null 2>&1; }; \
+	packages=$$(sed -n 's/^#bench //p' debian-packages.txt | tr '\n' ' '); \
+	ready || [ "$$(id -u)" != 0 ] || { apt-get update -qq && \
+		DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$packages; }; \
+	ready || { $(BIN)/python -m pip uninstall --quiet --yes open3d; \
+		echo "Open3D does not load and is left out: apt-get install $$packages; $(BIN)/python -m pip install open3d" >&2; }
 	touch $@
 
 clean:
