@@ -22,6 +22,7 @@ from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray
 
 NAME = "spin-images"
+PORTION = 300  # images between two reports
 
 
 @dataclass(frozen=True)
@@ -76,12 +77,8 @@ def spin_images(
     how = options or SpinImages()
     p = thinned(reference, how.points)
     q = thinned_by(model, p.side)
-    report(0.0, "spin images: the reference's")
-    on_p, images_p = spun(p, p.side, how, len(p.points))
-    report(0.4, "spin images: the model's")
-    on_q, images_q = spun(q, p.side, how, how.spun)
-    if not len(on_p) or not len(on_q):
-        return []
+    on_p, images_p = spun(p, p.side, how, len(p.points), lambda part, text: report(0.4 * part, text))
+    on_q, images_q = spun(q, p.side, how, how.spun, lambda part, text: report(0.4 + 0.2 * part, text))
     report(0.6, "spin images: matches")
     at_p, at_q = _matched(images_p, images_q, how)
     matches = Matches(p.points[on_p[at_p]], p.normals[on_p[at_p]], q.points[on_q[at_q]], q.normals[on_q[at_q]])
@@ -93,11 +90,21 @@ def spin_images(
     return ranked(T, votes * overlaps(reference, q, T, how.tolerance * p.side, threads), NAME)
 
 
-def spun(surface: Thinned, bin_width: float, how: SpinImages, most: int) -> tuple[np.ndarray, FloatArray]:
+def spun(
+    surface: Thinned, bin_width: float, how: SpinImages, most: int, report: Report = silent
+) -> tuple[np.ndarray, FloatArray]:
     """Return the indices of at most `most` points, and their spin images (k, bins * bins), counts of points."""
     at = np.unique(np.linspace(0, len(surface.points) - 1, min(most, len(surface.points))).round().astype(np.intp))
+    tree, images = cKDTree(surface.points), []
+    for begin in range(0, len(at), PORTION):
+        report(begin / len(at), "spin images")
+        images.append(_images(surface, tree, at[begin : begin + PORTION], bin_width, how))
+    return at, np.concatenate(images)
+
+
+def _images(surface: Thinned, tree: cKDTree, at: np.ndarray, bin_width: float, how: SpinImages) -> FloatArray:
     reach = bin_width * how.bins * np.hypot(1.0, 0.5)
-    near = cKDTree(surface.points[at]).sparse_distance_matrix(cKDTree(surface.points), reach, output_type="ndarray")
+    near = cKDTree(surface.points[at]).sparse_distance_matrix(tree, reach, output_type="ndarray")
     i, j = near["i"], near["j"]
     n = surface.normals[at]
     seen = np.einsum("ij,ij->i", n[i], surface.normals[j]) > np.cos(np.radians(how.support_deg))
@@ -106,7 +113,7 @@ def spun(surface: Thinned, bin_width: float, how: SpinImages, most: int) -> tupl
     beta = np.einsum("ij,ij->i", n[i], d)
     alpha = np.sqrt(np.maximum((d**2).sum(1) - beta**2, 0.0))
     column, row = alpha / bin_width - 0.5, beta / bin_width + 0.5 * how.bins - 0.5
-    return at, _spread(i, column, row, (len(at), how.bins))
+    return _spread(i, column, row, (len(at), how.bins))
 
 
 def _spread(which: np.ndarray, column: FloatArray, row: FloatArray, size: tuple[int, int]) -> FloatArray:
