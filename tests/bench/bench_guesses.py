@@ -1,9 +1,10 @@
 """Methods of guessing beside each other: how often a tournament of their guesses ends where a fine stage can go on.
 
-Pairs of views 30 to 60 degrees apart, nothing given: simulated scans of heads, and reliefs of the unit tests. Every
-method guesses on levels of 4,000 points; the same tournament (`coarse.tournament`, its default rounds) refines its
-guesses. Right is within 10 degrees and 10 mm RMS over the model's points. `describing` and `turns` are what `register`
-tries by itself. Times are CPU seconds of one thread, which other work on the machine hardly changes.
+Pairs of views, nothing given: simulated scans of heads 60 degrees apart, as they are and with the model turned at
+random besides, and the unit tests' reliefs, 30 to 60 degrees apart and rolled. Methods guess on the levels that a
+registration gives them; the same tournament (`coarse.tournament`, its default rounds) refines their guesses. Right is
+within 10 degrees and 10 mm RMS over the model's points. `describing` and `turns` are what `register` tries by itself.
+Times are CPU seconds, which other work on the machine hardly changes.
 
     python tests/bench/bench_guesses.py [--folder FOLDER] [--count 6] [--resolution 0.5] [--only METHOD,METHOD]
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -23,19 +25,19 @@ sys.path.insert(0, str(Path(__file__).parent))  # run as a module, it has no fol
 
 from bench_heads import prepared
 from guessed import relief_pair
-from heads import Array, arguments, heads, say
+from heads import Array, HeadView, arguments, heads, say
 from scipy.spatial.transform import Rotation
 
 from fringed_plugins.registration.coarse import tournament
 from fringed_plugins.registration.describing import guesses
 from fringed_plugins.registration.guesses import GUESSERS, Guesser
 from fringed_plugins.registration.result import silent
-from fringed_plugins.registration.starting import SHAPES
+from fringed_plugins.registration.starting import GUESS_POINTS, SHAPE_POINTS, SHAPES
 from fringed_plugins.registration.starts import principal_axes, turns
 from fringed_plugins.registration.surface import Surface
-from fringed_plugins.registration.transforms import translation
+from fringed_plugins.registration.transforms import rigid, translation
 
-POINTS, THREADS, COUNT = 4000, 1, 6
+THREADS, COUNT = 1, 6
 RIGHT_DEG, RIGHT_MM = 10.0, 10.0
 RELIEFS = [(shape, apart, roll) for shape in ("head", "hand") for apart in (30, 45, 60) for roll in (0, 135)]
 
@@ -62,35 +64,44 @@ class Outcome(NamedTuple):
     tournament_s: float
 
 
-def of_head(views, side: int) -> Pair:
-    """Return the pair of a frontal view and one of its sides (1 or 2)."""
-    p, q = prepared(views[0], "reference"), prepared(views[side], "model")
-    T = views[0].T_camera_object @ np.linalg.inv(views[side].T_camera_object)
-    return Pair("heads", p, q, translation(-p.origin) @ T @ translation(q.origin))
+def of_heads(kind: str, reference: HeadView, model: HeadView) -> Pair:
+    p, q = prepared(reference, "reference"), prepared(model, "model")
+    T = reference.T_camera_object @ np.linalg.inv(model.T_camera_object)
+    return Pair(kind, p, q, translation(-p.origin) @ T @ translation(q.origin))
 
 
-def pairs(asked) -> Iterator[Pair]:
+def anyhow(view: HeadView, seed: int) -> HeadView:
+    """Return the view turned at random about its middle: as if its scanner had stood on its head, or lain aside."""
+    R = Rotation.random(random_state=seed).as_matrix()
+    middle = view.xyz_mm[view.rejected == 0].mean(0, dtype=np.float64)
+    T = rigid(R, middle - R @ middle)
+    xyz_mm = (view.xyz_mm @ R.T + T[:3, 3]).astype(np.float32)
+    return view._replace(xyz_mm=xyz_mm, T_camera_object=T @ view.T_camera_object)
+
+
+def pairs(asked: Namespace) -> Iterator[Pair]:
     views = heads(asked.folder, asked.count, asked.resolution)
-    for first in range(0, len(views), 3):
-        for side in (1, 2):
-            yield of_head(views[first : first + 3], side)
+    for front, *sides in zip(views[::3], views[1::3], views[2::3], strict=True):
+        for seed, side in enumerate(sides, 2 * front.variant):
+            yield of_heads("heads", front, side)
+            yield of_heads("turned", front, anyhow(side, seed))
     for shape, apart, roll in RELIEFS:
         yield Pair("reliefs", *relief_pair(shape, float(apart), float(roll), 1.0))
 
 
 def described(reference: Surface, model: Surface, seed: int) -> list[Array]:
-    return guesses(reference.level(POINTS), model.level(POINTS), SHAPES)
+    return guesses(reference.level(SHAPE_POINTS), model.level(SHAPE_POINTS), SHAPES)
 
 
 def turned(reference: Surface, model: Surface, seed: int) -> list[Array]:
-    p, q = reference.level(POINTS).points, model.level(POINTS).points
+    p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
     return turns(p, q, model.origin - reference.origin) + principal_axes(p, q)
 
 
 def guessed(method: Guesser) -> Method:
     def made(reference: Surface, model: Surface, seed: int) -> list[Array]:
         rng = np.random.default_rng(seed)
-        found = method(reference.level(POINTS), model.level(POINTS), None, rng, THREADS)
+        found = method(reference.level(GUESS_POINTS), model.level(GUESS_POINTS), None, rng, THREADS)
         return [guess.T_reference_model for guess in found]
 
     return made
@@ -105,7 +116,7 @@ METHODS: dict[str, Method] = {
 
 def right(T: Array, pair: Pair) -> bool:
     turn = Rotation.from_matrix(T[:3, :3] @ pair.T_true[:3, :3].T).magnitude()
-    off = pair.model.level(POINTS).points @ (T - pair.T_true)[:3, :3].T + (T - pair.T_true)[:3, 3]
+    off = pair.model.level(GUESS_POINTS).points @ (T - pair.T_true)[:3, :3].T + (T - pair.T_true)[:3, 3]
     return bool(np.degrees(turn) < RIGHT_DEG and np.sqrt((off**2).sum(1).mean()) < RIGHT_MM)
 
 
@@ -146,7 +157,6 @@ def show(outcomes: dict[str, list[Outcome]]) -> None:
 def main() -> int:
     parser = arguments(__doc__)
     parser.set_defaults(count=COUNT)
-    parser.add_argument("--points", type=int, default=POINTS, help=f"of the levels that methods guess on ({POINTS})")
     parser.add_argument("--only", default=",".join(METHODS), help="methods, with commas between")
     asked = parser.parse_args()
     names = asked.only.split(",")
@@ -155,7 +165,8 @@ def main() -> int:
     outcomes: dict[str, list[Outcome]] = {name: [] for name in names}
     for number, pair in enumerate(pairs(asked)):
         for surface in (pair.reference, pair.model):
-            _ = surface.level(POINTS).tree
+            for points in (GUESS_POINTS, SHAPE_POINTS):
+                _ = surface.level(points).tree
         for name in names:
             if not number:
                 tried(METHODS[name], pair, number)  # compiles, and makes the tournament's levels
