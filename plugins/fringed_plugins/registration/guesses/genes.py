@@ -4,9 +4,11 @@ Owns the population, its operators and its end. Deterministic by its generator.
 
 References
 ----------
-Chow, Tsui, Lee: Surface registration using a dynamic genetic algorithm, Pattern Recognition 2004 (genes, mutation
-that shrinks); Silva, Bellon, Boyer: Precision range image registration using a robust surface interpenetration measure
-and enhanced genetic algorithms, PAMI 2005 (a robust measure instead of a mean error, elite, diversity).
+Brunnstrom, Stoddart: Genetic algorithms for free-form surface matching, ICPR 1996; Robertson, Fisher: Parallel
+evolutionary registration of range data, CVIU 2002; Chow, Tsui, Lee: Surface registration using a dynamic genetic
+algorithm, Pattern Recognition 2004 (genes, mutation that shrinks); Silva, Bellon, Boyer: Precision range image
+registration using a robust surface interpenetration measure and enhanced genetic algorithms, PAMI 2005 (a robust
+measure instead of a mean error, elite, diversity).
 """
 
 from __future__ import annotations
@@ -92,7 +94,7 @@ def genetic(
 
     References
     ----------
-    Chow, Tsui, Lee 2004; Silva, Bellon, Boyer 2005.
+    Brunnstrom, Stoddart 1996; Robertson, Fisher 2002; Chow, Tsui, Lee 2004; Silva, Bellon, Boyer 2005.
     """
     how = options or Genetic()
     p = thinned(reference, how.points)
