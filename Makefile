@@ -27,8 +27,10 @@ unit: dev  ## the tests alone
 bench: $(VENV)/.bench  ## every figure, printed beside what it has to reach
 	$(BIN)/python tests/bench/run.py
 
-reproduce: dev  ## the registration experiments of the thesis, its tables beside ours
+reproduce: dev  ## the registration experiments of the thesis, its tables beside ours; its face database
 	$(BIN)/python tests/bench/reproduce.py --output $(REPRODUCED)
+	$(BIN)/python tests/bench/bench_heads.py
+	$(BIN)/python tests/bench/bench_models.py --output $(REPRODUCED)/models.png
 
 pictures: dev  ## every picture of the documentation, drawn again
 	@for script in $$(ls tools/pictures/*.py | grep -v shrink.py); do \

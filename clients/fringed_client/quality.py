@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fringed.data import FrameSet, Model, PhaseMap, RangeImage, Registration
 
@@ -57,8 +58,14 @@ def _median_um(image: RangeImage, kept: Any) -> float | None:
 
 
 def _registration(found: Registration) -> dict[str, Any]:
+    T = np.asarray(found.T_reference_model, np.float64)
+    turn = Rotation.from_matrix(T[:3, :3]).as_rotvec()
+    C = found.covariance
     return {
         "rms_mm": found.rms_mm, "overlap": found.overlap, "converged": found.converged, "reason": found.reason,
+        "T_reference_model": T.tolist(), "rotation_deg": float(np.degrees(np.linalg.norm(turn))),
+        "axis": (turn / max(float(np.linalg.norm(turn)), 1e-300)).tolist(),
+        "sigma_rotation_deg": None if C is None else float(np.degrees(np.sqrt(np.trace(C[:3, :3])))),
     }  # fmt: skip
 
 
@@ -71,12 +78,21 @@ def lines(row: Mapping[str, Any]) -> list[str]:
     if "registrations" in row:
         head = f"{row['points']:,} points from {row['views']} views"
         return [head, *(f"view {r['view']} to 1: {_ended(r)}" for r in row["registrations"])]
-    return [_ended(row)] if "rms_mm" in row else []
+    return [_ended(row), _moved(row)] if "rms_mm" in row else []
 
 
 def _ended(row: Mapping[str, Any]) -> str:
     end = "converged" if row["converged"] else f"NOT converged ({row['reason']})"
     return f"{end}, RMS {row['rms_mm'] * 1000:.0f} um, overlap {row['overlap']:.0%}"
+
+
+def _moved(row: Mapping[str, Any]) -> str:
+    """Return a registration's motion in words: model to reference."""
+    sigma = row["sigma_rotation_deg"]
+    turn = f"{row['rotation_deg']:.4f} deg" + (f" (sigma {sigma:.1g})" if sigma else "")
+    axis = ", ".join(f"{x:.3f}" for x in row["axis"])
+    shift = ", ".join(f"{line[3]:.3f}" for line in row["T_reference_model"][:3])
+    return f"turned {turn} about ({axis}), moved by ({shift}) mm"
 
 
 def warnings_of(rows: Sequence[Mapping[str, Any]], sets: Mapping[str, FrameSet]) -> list[str]:

@@ -122,8 +122,9 @@ class StlExporter:
         """Return the file; raise DataError when there are no triangles."""
         if isinstance(product, Model) and (product.faces is None or len(product.faces) == 0):
             raise DataError(
-                "stl: a Model without faces has no triangles, and STL holds nothing else; export the model as ply, pcd "
-                "or xyz, or give one of its views, a RangeImage, which is joined along its grid"
+                "stl: a Model without faces has no triangles, and STL holds nothing else; merge with surface=open or "
+                "surface=watertight, export the model as ply, pcd or xyz, or give one of its views, a RangeImage, "
+                "which is joined along its grid"
             )
         return _written(self, product, lambda: binary.stl(geometry(product, True, params.max_edge_mm)))
 

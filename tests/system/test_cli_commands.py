@@ -54,6 +54,15 @@ def test_scan_list_get_export_view_register(station_runtime: Path, tmp_path: Pat
     assert [p["kind"] for p in merged["products"]] == ["Model"]
     drawn = document("view", merged["products"][0]["id"], "-o", str(tmp_path / "pictures"), runtime=run)["files"]
     assert len(drawn) == 6 and all(Path(f).stat().st_size > 5000 for f in drawn)
+    points = tmp_path / "a.ply"
+    refused = document("register", str(points), str(points), runtime=run, code=2)
+    assert "--pair" in refused["error"]["message"]
+    told = document("register", image, str(points), "--pair", "--param", "search=none", runtime=run)
+    assert told["quality"][0]["converged"] and abs(told["quality"][0]["rotation_deg"]) < 0.05
+    wish = ("--param", "surface=open", "--param", "voxel_mm=2")
+    meshed = document("register", image, turned, *wish, runtime=run)["scan"]
+    stl = document("export", meshed["products"][0]["id"], "-f", "stl", "-o", str(tmp_path), runtime=run)["files"]
+    assert Path(stl[0]).stat().st_size > 100_000
 
 
 def test_parameters_reach_the_patterns_and_the_stages(station_runtime: Path) -> None:

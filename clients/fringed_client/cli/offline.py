@@ -222,10 +222,14 @@ def register_command(
     Takes ids of range images, or recordings (.h5) of them. With --pair also models, and files of points or triangles:
     .ply, .stl, .obj, .xyz, in any unit.
     """
+    from fringed.errors import UsageError
     from fringed_client.cli.scanning import report
     from fringed_client.private import any_station
 
     given = [view if ID.match(view) else _surface(a_file(view)) for view in views]
+    bare = [view for view, one in zip(views, given, strict=True) if type(one).__name__ in {"Model", "Mesh"}]
+    if wish["merge"] and bare:
+        raise UsageError(f"{', '.join(bare)}: points without a grid are not merged; register two of them with --pair")
     with any_station(options.station, output.say, config) as station:
         with output.steps() as steps:
             result = station.register(

@@ -17,7 +17,6 @@ from fringed_plugins.registration.family.pair import register_by
 from fringed_plugins.registration.family.presets import METHODS
 from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.register import register
-from fringed_plugins.registration.surface import Surface
 
 
 class Register:
@@ -72,12 +71,8 @@ class Register:
             moving = scan_of(model, "model", context.threads, report)
             if method is None:
                 alignment = register(fixed, moving, options, report)
-            elif isinstance(fixed, Surface) and isinstance(moving, Surface):
-                alignment = register_by(method, fixed, moving, options, params.iterations or None, report)
             else:
-                raise DataError(
-                    f"method {params.method!r} registers range images; a model or a mesh has no grid: method = default"
-                )
+                alignment = register_by(method, fixed, moving, options, params.iterations or None, report)
         except DataError:
             raise
         except ValueError as error:

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from fringed_plugins.registration.features.cloud import CloudFeatures, cloud_features, require_surface
 from fringed_plugins.registration.features.grouping import Counts, distinct, means, voxels
 from fringed_plugins.registration.invariant import Curved
-from fringed_plugins.registration.surface import MIN_INTERIOR, Level
+from fringed_plugins.registration.surface import MIN_INTERIOR, Level, Surface
 from fringed_plugins.registration.transforms import FloatArray
 
 Array = npt.NDArray[Any]
@@ -29,6 +29,7 @@ BASE_POINTS = 6000  # that find which side is out
 DENSEST = 60_000  # points; means of more of them are as good
 MOST_GIVEN = 100_000  # normals
 NEIGHBOURS = 20
+NEAR = 7  # points, itself included: those around one
 
 
 def _silent() -> None:
@@ -54,7 +55,9 @@ class CloudSurface:
     sided: bool
     threads: int = 1
     tell: Tell = field(default=_silent, compare=False, repr=False)
-    _made: dict[int, tuple[FloatArray, CloudFeatures]] = field(default_factory=dict, compare=False, repr=False)
+    _made: dict[tuple[int, int], tuple[FloatArray, CloudFeatures]] = field(
+        default_factory=dict, compare=False, repr=False
+    )
 
     def level(self, most_points: int) -> Level:
         """Return at most about `most_points`, evenly spaced, with normals and boundaries; computed once.
@@ -64,7 +67,7 @@ class CloudSurface:
         ValueError
             too few of them lie inside a surface.
         """
-        points, found = self._features(most_points)
+        points, found = self.features(most_points)
         interior = found.valid & ~found.boundary
         if int(interior.sum()) < MIN_INTERIOR:
             raise ValueError(
@@ -77,9 +80,9 @@ class CloudSurface:
 
     def curved(self, most_points: int) -> Curved:
         """Return points with principal curvatures, positive where the surface bulges outwards."""
-        points, found = self._features(most_points)
+        points, found = self.features(most_points)
         inner = found.valid & ~found.boundary
-        near = cKDTree(points).query(points[inner], 7, workers=self.threads)[1]
+        near = cKDTree(points).query(points[inner], NEAR, workers=self.threads)[1]
         rim = (~inner[near]).any(axis=1)
         both = np.stack([found.k1, found.k2], axis=1)[inner]
         return Curved(points[inner], found.normals[inner], both, rim, self._spacing(len(points)))
@@ -89,17 +92,18 @@ class CloudSurface:
         at, normals = self.outside
         return replace(self, outside=(at, -normals), _made={})
 
-    def _features(self, most_points: int) -> tuple[FloatArray, CloudFeatures]:
+    def features(self, most_points: int, neighbours: int = NEIGHBOURS) -> tuple[FloatArray, CloudFeatures]:
+        """Return at most about `most_points` and what their neighbourhoods say; computed once."""
         most = min(most_points, len(self.points))
-        if most not in self._made:
+        if (most, neighbours) not in self._made:
             voxel = _voxel(self.points, self.spacing_mm, most, self.tell)
             points, _ = _thin(self.points, self.counts, voxel)
             at, normals = self.outside
             nearest = cKDTree(at).query(points, workers=self.threads)[1]
             seen = points + self.diagonal_mm * normals[nearest]
-            found = cloud_features(points, NEIGHBOURS, seen, self.threads, report=lambda *_: self.tell())
-            self._made[most] = points, found
-        return self._made[most]
+            found = cloud_features(points, neighbours, seen, self.threads, report=lambda *_: self.tell())
+            self._made[most, neighbours] = points, found
+        return self._made[most, neighbours]
 
     def _spacing(self, count: int) -> float:
         return self.spacing_mm * float(np.sqrt(len(self.points) / count))
@@ -168,6 +172,15 @@ def prepare_cloud(
     tell()
     spacing *= float(np.sqrt(len(exact) / len(dense)))
     return CloudSurface(name, dense, counts, origin, spacing, diagonal, outside, sided, threads, tell)
+
+
+def without_grid(surface: Surface, threads: int = 1) -> CloudSurface:
+    """Return a range image's points as a cloud, seen from its frame's origin."""
+    points = surface.xyz[surface.valid].astype(np.float64) + surface.origin
+    cloud = prepare_cloud(points, viewpoint=np.zeros(3), name=surface.name, threads=threads)
+    off = cloud.origin - surface.origin
+    at, normals = cloud.outside
+    return replace(cloud, points=cloud.points + off, origin=surface.origin, outside=(at + off, normals), _made={})
 
 
 def _given(points: FloatArray, normals: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:

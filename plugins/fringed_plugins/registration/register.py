@@ -6,6 +6,7 @@ cannot be meant raises, what did not succeed says `converged=False` and why.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -71,17 +72,35 @@ def register(reference: Scan, model: Scan, options: Options | None = None, repor
     """
     options = options or Options()
     require_same_units(reference, model)
-    found = _registered(reference, model, options, report)
-    for scan in (reference, model):
-        if not found.converged and isinstance(scan, CloudSurface) and not scan.sided:
-            report(0.0, f"the other side of the {scan.name} may be its outside")
-            other = scan.flipped()
-            fixed, moving = (other, model) if scan is reference else (reference, other)
-            again = _registered(fixed, moving, options, report)
-            found = again if again.converged else found
-            break
+    pairs = _sides(reference, model)
+    if len(pairs) == 1 or not options.search:
+        found = _first(pairs, options, report)
+    else:  # as they stand from both sides first: inside out, a guess may fit what is not there
+        found = _first(pairs, replace(options, search=""), report)
+        found = found if found.converged else _first(pairs, options, report)
     report(1.0, "registered" if found.converged else "not registered")
     return found
+
+
+def _first(pairs: Sequence[tuple[Scan, Scan]], options: Options, report: Report) -> Alignment:
+    """Return the first alignment that converges, else that of the first pair."""
+    best: Alignment | None = None
+    for reference, model in pairs:
+        found = _registered(reference, model, options, report)
+        if found.converged:
+            return found
+        best = best or found
+    assert best is not None  # there is a pair at least
+    return best
+
+
+def _sides(reference: Scan, model: Scan) -> list[tuple[Scan, Scan]]:
+    """Return the pair, and with its other side outside where nobody knows which it is."""
+    for scan in (model, reference):
+        if isinstance(scan, CloudSurface) and not scan.sided:
+            other = scan.flipped()
+            return [(reference, model), (reference, other) if scan is model else (other, model)]
+    return [(reference, model)]
 
 
 def _registered(reference: Scan, model: Scan, options: Options, report: Report) -> Alignment:
@@ -169,7 +188,7 @@ class _Medium:
         return verify(p, q, T, limits, ClosestPoint(p, self.options.threads), diagonal)
 
     def _tell(self, made: Iteration) -> None:
-        self.report(0.7, f"{made.stage}: {made.rms_mm:.4g} mm RMS over {made.pairs} pairs")
+        self.report(0.7, f"{made.stage}: {made.rms_mm:.4g} RMS over {made.pairs} pairs")
 
 
 def _alignment(reference: Scan, model: Scan, reached: _Reached) -> Alignment:
@@ -204,7 +223,7 @@ def require_same_units(reference: Scan, model: Scan) -> None:
     resolution = reference.spacing_mm / model.spacing_mm
     if min(extent, resolution) > UNITS_RATIO or max(extent, resolution) < 1 / UNITS_RATIO:
         raise ValueError(
-            f"the {reference.name} spans {reference.diagonal_mm:.4g} mm at {reference.spacing_mm:.3g} mm a point, the "
-            f"{model.name} {model.diagonal_mm:.4g} mm at {model.spacing_mm:.3g} mm: are they in different units? "
-            "Bring both to millimetres"
+            f"the {reference.name} spans {reference.diagonal_mm:.4g} at {reference.spacing_mm:.3g} a point, the "
+            f"{model.name} {model.diagonal_mm:.4g} at {model.spacing_mm:.3g}: are they in different units? "
+            "Bring both to one"
         )

@@ -107,6 +107,6 @@ def checked(T: npt.ArrayLike, name: str = "T_reference_model") -> FloatArray:
         raise ValueError(
             f"{name} is not rigid: R R^T is off the identity by {off:.2g}, its determinant is "
             f"{np.linalg.det(R):.3g}, its last row {matrix[3].tolist()}; expected a proper rotation (to 1e-4) "
-            "and a translation in mm"
+            "and a translation"
         )
     return orthonormal(matrix)

@@ -71,7 +71,7 @@ def verify(
     elif share < LEAST_AGREEING:
         fault = f"{1 - share:.0%} of the pairs contradict each other; the surfaces do not fit there"
     elif rms > allowed:
-        fault = f"the residual is {rms:.3g} mm RMS; {allowed:.3g} mm is allowed (the noise is {noise:.3g} mm)"
+        fault = f"the residual is {rms:.3g} RMS; {allowed:.3g} is allowed (the noise is {noise:.3g})"
     elif eigenvalues[0] < least:
         fault = f"{weakest} is not determined by the surface (information {eigenvalues[0]:.1e}, needed {least:.1e})"
     covariance = None if eigenvalues[0] < least else _covariance(pairs, inlier, noise)

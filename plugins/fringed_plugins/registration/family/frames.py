@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from fringed_plugins.registration.clouds import CloudSurface
 from fringed_plugins.registration.footpoints import fit_projection
 from fringed_plugins.registration.invariant import principal
 from fringed_plugins.registration.normals import BoolArray, complete, healed
@@ -22,6 +23,8 @@ from fringed_plugins.registration.transforms import FloatArray
 
 Index = npt.NDArray[np.intp]
 WINDOWS_PX = (7, 11, 15, 21)
+NEIGHBOURS = (20, 50, 110, 200)
+NEAR = 7  # points, itself included: those around one
 LEAST_WHOLE = 200
 BESIDE = 7  # points around one and itself, where there is no grid
 CERTAIN = 1 / 6  # noise of a curvature in units of its spread: more would say nothing of who belongs to whom
@@ -120,6 +123,30 @@ def frame_of(surface: Surface, most_points: int | None = None, window_px: int | 
     return Frame(
         points, patch[:, 9:12], features, whole, boundary, rim, sigma, rays, thin.spacing_mm, surface.origin, pixel,
         fit_projection(thin), surface.name,
+    )  # fmt: skip
+
+
+def frame_of_cloud(cloud: CloudSurface, most_points: int | None = None) -> Frame:
+    """Return the frame of points without a grid: features as `frame_of` has them, boundaries by gaps, rays unknown.
+
+    Curvatures are of the least neighbourhood in which their noise is less than a sixth of their spread.
+    Where nobody knows where a point was seen from, its ray is its normal: `sigma` is that along the normal.
+    """
+    for count in NEIGHBOURS:
+        points, found = cloud.features(most_points or len(cloud.points), count)
+        whole = found.valid & ~found.boundary
+        both = np.stack([found.k1, found.k2], axis=1)[whole]
+        noise = np.median(np.stack([found.sigma_k1, found.sigma_k2], axis=1)[whole], axis=0)
+        if (noise < CERTAIN * _spread(both)).all():
+            break
+    features = np.zeros((len(points), 2))
+    features[whole] = both / np.maximum(noise, FEATURE_FLOOR * _spread(both))
+    near = cKDTree(points).query(points, NEAR, workers=cloud.threads)[1]
+    rim = (~whole[near]).any(axis=1)
+    spacing = cloud.level(len(points)).spacing_mm
+    return Frame(
+        points, found.normals, features, whole, found.boundary, rim, np.full(len(points), found.noise), found.normals,
+        spacing, cloud.origin, name=cloud.name,
     )  # fmt: skip
 
 

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from fringed_plugins.registration.family.frames import frame_of
+from fringed_plugins.registration.clouds import CloudSurface, without_grid
+from fringed_plugins.registration.family.frames import Frame, frame_of, frame_of_cloud
 from fringed_plugins.registration.family.method import Method, Outcome, align
 from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.register import Options, require_same_units
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
 from fringed_plugins.registration.starts import principal_axes
-from fringed_plugins.registration.surface import Surface
+from fringed_plugins.registration.surface import Scan, Surface
 from fringed_plugins.registration.transforms import FloatArray, apply, checked, translation
 from fringed_plugins.registration.verify import Verdict, in_frame, still_to_go, verify
 
@@ -25,8 +26,8 @@ OFF = 0.1  # of the resolution: how far a method's own least error may stand fro
 
 def register_by(
     method: Method,
-    reference: Surface,
-    model: Surface,
+    reference: Scan,
+    model: Scan,
     options: Options | None = None,
     iterations: int | None = None,
     report: Report = silent,
@@ -43,12 +44,13 @@ def register_by(
     """
     options = options or Options()
     require_same_units(reference, model)
+    reference, model = _alike(reference, model, options.threads)
     T = _start(method, reference, model, options)
     history: list[Iteration] = []
     outcome: Outcome | None = None
     for number, most in enumerate(method.levels):
         report(0.05 + 0.8 * number / len(method.levels), f"{method.name}: preparing level {number + 1}")
-        fixed, moving = frame_of(reference, most), frame_of(model, most)
+        fixed, moving = _frame(reference, most), _frame(model, most)
 
         def tell(part: float, text: str, number: int = number) -> None:
             report(0.05 + 0.8 * (number + part) / len(method.levels), text)
@@ -63,7 +65,22 @@ def register_by(
     return found
 
 
-def _start(method: Method, reference: Surface, model: Surface, options: Options) -> FloatArray:
+def _frame(scan: Scan, most: int | None) -> Frame:
+    if isinstance(scan, CloudSurface):
+        return frame_of_cloud(scan, most)
+    assert isinstance(scan, Surface)  # there are no other scans
+    return frame_of(scan, most)
+
+
+def _alike(reference: Scan, model: Scan, threads: int) -> tuple[Scan, Scan]:
+    """Return both as clouds where one of them is none: features compare within a kind only."""
+    if isinstance(reference, Surface) and isinstance(model, Surface):
+        return reference, model
+    fixed, moving = (without_grid(one, threads) if isinstance(one, Surface) else one for one in (reference, model))
+    return fixed, moving
+
+
+def _start(method: Method, reference: Scan, model: Scan, options: Options) -> FloatArray:
     """Return the motion between origins that the method starts from."""
     if options.T_reference_model is not None:
         return translation(-reference.origin) @ checked(options.T_reference_model) @ translation(model.origin)
@@ -81,7 +98,7 @@ def _start(method: Method, reference: Surface, model: Surface, options: Options)
 
 
 def _judged(
-    reference: Surface, model: Surface, outcome: Outcome, options: Options, history: tuple[Iteration, ...]
+    reference: Scan, model: Scan, outcome: Outcome, options: Options, history: tuple[Iteration, ...]
 ) -> Alignment:
     """Return the alignment with the verdict on a level of both surfaces."""
     p, q = reference.level(options.medium_points), model.level(options.medium_points)
@@ -96,6 +113,6 @@ def _judged(
     fault = verdict.fault or ("" if outcome.settled else f"stopped after {outcome.stopped}")
     off = still_to_go(p, q, T, ClosestPoint(p, options.threads))
     if not fault and off > OFF * max(reference.spacing_mm, model.spacing_mm):
-        fault = f"{outcome.stopped}, but the surfaces meet {off:.2g} mm from there"
+        fault = f"{outcome.stopped}, but the surfaces meet {off:.2g} from there"
     covariance = None if verdict.covariance is None else in_frame(verdict.covariance, reference.origin)
     return Alignment(full, not fault, fault or outcome.stopped, verdict.rms_mm, verdict.overlap, covariance, history)

@@ -195,7 +195,7 @@ class _Refinement:
         worse = last > WORSE * first or count_of(said) < LOST * count_of(before)
         if worse:
             reason = (
-                f"the residual is {last:.4g} mm RMS of {count_of(said)} pairs; the start has {first:.4g} of "
+                f"the residual is {last:.4g} RMS of {count_of(said)} pairs; the start has {first:.4g} of "
                 f"{count_of(before)} and is kept"
             )
             reached, said = self.start, before
@@ -248,7 +248,7 @@ class _Refinement:
             each = small.reshape(-1, 6)
             turn, shift = (float(np.linalg.norm(each[:, k : k + 3], axis=1).max()) for k in (0, 3))
             self.history.append(Iteration(rms_of(said), count_of(said), 0.0, turn, shift, stage.name))
-            self.report(0.7, f"{stage.name}: {rms_of(said):.4g} mm RMS of {len(said)} pairs")
+            self.report(0.7, f"{stage.name}: {rms_of(said):.4g} RMS of {len(said)} pairs")
             errors = float(np.sqrt(max(float(small @ H @ small), 0.0) / len(small)))
             still = still + 1 if errors < SWING else 0
             if errors < STILL or still == 3 or turn * self.size + shift < EXACT * self.size:
