@@ -1,13 +1,14 @@
 """A surface as a patch for every pixel: smoothed point, tangents, normal and second fundamental form.
 
-Owns the least-squares quadratic of a square window of the grid, of all points at once. A patch is usable only
-where its whole window is valid. What a window averages counts as often as points lie in it, so that a few of
-the smoothed points tell as much of a motion as all points did. Knows nothing of a second view.
+Owns the least-squares quadratic of a square window of the grid, of all points at once, which window serves, what it
+cuts off, and what a smoothed point is worth. A patch is usable only where its whole window is valid. Knows nothing of
+a second view.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,15 @@ import numpy.typing as npt
 
 from fringed_plugins.registration.footpoints import fit_projection
 from fringed_plugins.registration.normals import BoolArray, complete, healed
-from fringed_plugins.registration.patch_kernels import build
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray
+from fringed_plugins.registration.window_kernels import build, gather, truncations
 
 Array = npt.NDArray[Any]
 WINDOWS_PX = (7, 5, 3)
 TRUNCATED = 0.5  # a window is too large whose fit misses its middle by more than this many noises
+STEADY = 0.05  # standard deviation of slopes: squared it is little beside what the normals of a body differ by
+STEEP = 2.0  # resolutions: pixels that are longer average nothing
 _SAMPLES = 4000
 
 
@@ -31,16 +34,74 @@ class Patches:
 
     `table` (height, width, 15) float32: point, derivatives along columns and rows, unit normal towards the
     sensor, and the second fundamental form (e, f, g) for steps of one pixel; meaningless where not `usable`.
-    `projection` (3, 4) takes points to (column, row). `gain` is the variance of a smoothed point in units of
-    one point's.
     """
 
     surface: Surface
     table: Array
     usable: BoolArray
-    projection: FloatArray
     window_px: int
-    gain: float
+
+    @classmethod
+    def later(cls, surface: Surface, windows_px: tuple[int, ...], steep_mm2: float = np.inf) -> Patches:
+        """Return patches that are built when they are first asked for: who wants the `sharp` ones does not wait.
+
+        Of the first window of `windows_px` that the surface is smooth over, else of the last one. Pixels whose
+        tangents' squares add up to more than `steep_mm2` keep their own points.
+
+        Raises
+        ------
+        ValueError
+            the last window is complete nowhere.
+        """
+        least = windows_px[-1]
+        if not (complete(healed(surface.xyz, surface.valid)[1], least) & surface.valid).any():
+            raise ValueError(
+                f"the {surface.name} has no complete window of {least} pixels: its valid region is too torn"
+            )
+        patches = object.__new__(cls)
+        patches.__dict__.update(surface=surface, _recipe=(windows_px, steep_mm2))
+        return patches
+
+    def __getattr__(self, name: str) -> Any:
+        """Build what `later` left out: only what an instance lacks is asked for here."""
+        if name not in {"table", "usable", "window_px"} or "_recipe" not in self.__dict__:
+            raise AttributeError(name)
+        self.__dict__.update(_built(self.surface, *self.__dict__["_recipe"]))
+        return self.__dict__[name]
+
+    @property
+    def gain(self) -> float:
+        """The variance of a smoothed point in units of one point's."""
+        return quadratic(self.window_px)[1]
+
+    @cached_property
+    def projection(self) -> FloatArray:
+        """The matrix (3, 4) that takes points to (column, row)."""
+        return fit_projection(self.surface)
+
+    @cached_property
+    def sharp(self) -> Patches:
+        """The patches of the same surface that err least, see `sharp`; computed once."""
+        return sharp(self.surface)
+
+    @cached_property
+    def errors(self) -> Array:
+        """The points' deviation along the ray in mm, and the mean square in mm^2 of what patches cut off.
+
+        (height, width, 2) float32. Third derivatives are in no patch.
+
+        With x_u from windows of side w, S0 = w and S2, S4 the sums of u^2, u^4, a patch is off at (u, v) by
+        (u^3 - u S4 / S2) x_uuu / 6 + u (v^2 - S2 / S0) x_uvv / 2, and the same of v; meant over one pixel.
+        """
+        u = np.arange(self.window_px, dtype=np.float64) - self.window_px // 2
+        a, b = float((u**4).sum() / (u @ u)), float(u @ u / self.window_px)
+        second, fourth, sixth = 1 / 12, 1 / 80, 1 / 448  # moments of one pixel
+        along = (sixth - 2 * a * fourth + a * a * second) / 36
+        across = second * (fourth - 2 * b * second + b * b) / 4
+        out = np.empty((*self.usable.shape, 2), np.float32)
+        out[..., 0] = self.surface.noise_mm if self.surface.sigma is None else self.surface.sigma
+        truncations(self.table, self.usable, along, across, out)
+        return out
 
     def sample(self, most_points: int) -> tuple[FloatArray, Array, float]:
         """Return smoothed points, normals, areas of a pixel (n, 7), flat pixels (n,), how many points one stands for.
@@ -49,13 +110,9 @@ class Patches:
         """
         s = max(1, int(np.ceil(np.sqrt(self.usable.sum() / most_points))))
         rows, columns = np.nonzero(self.usable[s // 2 :: s, s // 2 :: s])
-        rows, columns = rows * s + s // 2, columns * s + s // 2
-        chosen = self.table[rows, columns]
-        pixels = rows * self.usable.shape[1] + columns
-        out = np.empty((len(chosen), 7))
-        out[:, :3], out[:, 3:6] = chosen[:, :3], chosen[:, 9:12]
-        across = chosen[:, [4, 5, 3]] * chosen[:, [8, 6, 7]] - chosen[:, [5, 3, 4]] * chosen[:, [7, 8, 6]]
-        out[:, 6] = np.sqrt(np.einsum("ij,ij->i", across, across))
+        pixels = (rows * s + s // 2) * self.usable.shape[1] + columns * s + s // 2
+        out = np.empty((len(pixels), 7))
+        gather(self.table.reshape(-1, 15), pixels, out)
         return out, pixels, float(s * s)
 
 
@@ -78,28 +135,73 @@ def patches(surface: Surface, window_px: int | None = None) -> Patches:
     ----------
     Savitzky & Golay 1964: least squares of a window are a convolution; Besl & Jain 1988 for range images.
     """
+    return Patches.later(surface, (window_px,) if window_px else WINDOWS_PX)
+
+
+def sharp(surface: Surface) -> Patches:
+    """Return the patches that err least: of the smallest window whose slopes are steady, so that noise biases nothing.
+
+    Where every point is used, a wider window tells no more of a motion, but what it cuts off a curved surface
+    differs from view to view. Where a pixel is longer than two resolutions, near a silhouette, even three pixels
+    cut off more than they average: there a patch goes through its own point.
+
+    Raises
+    ------
+    ValueError
+        no window is complete anywhere.
+    """
+    shaky = [window for window in WINDOWS_PX if slope_noise(surface, window) >= STEADY]  # the smallest ones
+    windows = WINDOWS_PX[max(len(WINDOWS_PX) - len(shaky) - 1, 0) :]
+    return Patches.later(surface, windows, (STEEP**2 + 1) * surface.spacing_mm**2)
+
+
+def _built(surface: Surface, windows_px: tuple[int, ...], steep_mm2: float) -> dict[str, Any]:
     whole, filled = healed(surface.xyz, surface.valid)
-    for window in (window_px,) if window_px else WINDOWS_PX:
+    for window in windows_px:
         usable = complete(filled, window) & surface.valid
         if not usable.any():
             continue
-        table = table_of(whole, usable, window)
-        if window == WINDOWS_PX[-1] or window_px or _smooth_over(surface, table, usable, window):
-            return Patches(surface, table, usable, fit_projection(surface), window, quadratic(window)[1])
-    raise ValueError(
-        f"the {surface.name} has no complete window of {window_px or WINDOWS_PX[-1]} pixels: its valid region is too "
-        "torn"
-    )
+        table = table_of(whole, usable, window, steep_mm2)
+        if window == windows_px[-1] or _smooth_over(surface, table, usable, window):
+            break
+    return {"table": table, "usable": usable, "window_px": window}
 
 
-def table_of(xyz: Array, usable: BoolArray, window_px: int) -> Array:
+def table_of(xyz: Array, usable: BoolArray, window_px: int, steep_mm2: float = np.inf) -> Array:
     """Return the patches' table (height, width, 15) of points (height, width, 3) float32; see `Patches`.
 
-    A pixel without a tangent plane (coincident points) becomes unusable, in place.
+    A pixel without a tangent plane (coincident points) becomes unusable, in place. Where the tangents' squares add up
+    to more than `steep_mm2` the point is the given one.
     """
     table = np.empty((*usable.shape, 15), np.float32)
-    build(np.ascontiguousarray(xyz, np.float32), window_px // 2, quadratic(window_px)[0], usable, table)
+    xyz = np.ascontiguousarray(xyz, np.float32)
+    build(xyz, window_px // 2, quadratic(window_px)[0], usable, steep_mm2, table)
     return table
+
+
+def slope_noise(surface: Surface, window_px: int) -> float:
+    """Return the standard deviation of slopes from windows of this side."""
+    half = np.arange(window_px) - window_px // 2
+    return surface.noise_mm / (surface.spacing_mm * float(np.sqrt(window_px * (half @ half))))
+
+
+def worth(window_px: int, stride_px: int) -> float:
+    """Return how many points' information on slow changes one of the smoothed points at each stride-th pixel has.
+
+    A sum over samples weighs a pixel by the windows that it lies in: even weights lose nothing.
+
+    Examples
+    --------
+    >>> round(worth(7, 1), 6), round(worth(7, 3), 1), round(worth(3, 2), 1)
+    (1.0, 6.6, 1.1)
+    """
+    u = np.arange(window_px, dtype=np.float64) - window_px // 2
+    w = quadratic(window_px)[0]
+    weights = w[0] + w[1] * u[:, None] ** 2 + w[2] * u[None] ** 2
+    place = np.arange(window_px) % stride_px
+    summed = np.zeros((stride_px, stride_px))
+    np.add.at(summed, (place[:, None], place[None]), weights)
+    return float(1 / (summed**2).sum())
 
 
 def quadratic(window_px: int) -> tuple[FloatArray, float]:

@@ -142,8 +142,8 @@ def test_history_tells_every_iteration():
     last = found.history[-1]
     assert last.pairs > 1000 and 0 < last.threshold_mm < 10
     assert last.rotation_rad < 1e-4 and last.translation_mm < 1e-2
-    # smoothed points on patches: 0.297 of a point's noise in windows of 7 pixels, a little less for the cosine
-    assert last.rms_mm == pytest.approx(0.297 * np.hypot(NOISE, NOISE), rel=0.35)
+    # smoothed points on patches: 0.745 of a point's noise in windows of 3 pixels, times the harmonic mean of cosines
+    assert last.rms_mm == pytest.approx(0.745 * 0.65 * np.hypot(NOISE, NOISE), rel=0.2)
     assert found.rms_mm == pytest.approx(np.hypot(NOISE, NOISE) / 2, rel=0.35)  # means of 2 x 2 points
 
 
