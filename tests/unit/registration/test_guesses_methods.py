@@ -22,7 +22,7 @@ POINTS = 4000
 QUICK = {"genetic": Genetic(founders=800, population=100, generations=8), "ransac-darces": Darces(trials=12)}
 METHODS = sorted(GUESSERS)
 PARTIAL = [name for name in METHODS if name != "principal-axes"]  # that one needs views that show nearly the same
-NEARER = {("genetic", "head"): (("head", 30, 0, 1.0))}  # from 60 degrees aside it depends on its luck
+NEARER = {("genetic", "head"): ("head", 30, 0, 1.0)}  # from 60 degrees aside it depends on its luck
 CASES = (("head", 60, 135, 1.0), ("hand", 60, 90, 1e3))
 
 
