@@ -24,6 +24,7 @@ NEAR = 0.5  # of the motion's own standard error: from there on all points
 STILL = 0.02  # the same, where the loop ends
 SWING = 0.2  # the same for three motions in a row: feet at the rim come and go
 ITERATIONS = 20
+COME_AND_GO = 5  # steps; then points without a foot stay away
 EXACT = 1e-7  # of the extent: motions below are rounding
 STALLED = 3e-7  # of the extent: motions below that no longer shrink, where noise is none
 ALONE = 200_000  # points that one thread takes some milliseconds for
@@ -88,8 +89,10 @@ class _Loop:
         self.H, self.settled = None, False
         self.stopped = f"{self.iterations} iterations without standing still"
         diagonal = both.fixed.surface.diagonal_mm
-        swings, last = 0, float("inf")
+        swings, last, began = 0, float("inf"), len(self.history)
         while len(self.history) < self.iterations:
+            if len(self.history) >= began + COME_AND_GO:
+                both.keep()
             made = both.normal_equations(T)
             if made is None:
                 self.stopped = f"fewer than {MIN_FEET} of {len(both.samples)} points have a foot on the reference"
@@ -125,6 +128,12 @@ class _Pairing:
         self.found = np.full(len(self.samples), -1, np.int64)
         self.rows = np.zeros((len(self.samples), 8))
         self.expected_mm = float("nan")
+
+    def keep(self) -> None:
+        """Drop the points that have no foot, for good: at the rim they would come and go for ever."""
+        met = self.found >= 0
+        self.samples, self.own = self.samples[met], self.own[met]
+        self.found, self.rows = self.found[met], self.rows[met]
 
     def normal_equations(self, T: FloatArray) -> tuple[FloatArray, FloatArray, float, int, float] | None:
         """Return H and g in units of the residuals' variance, the scale, how many pairs, and their RMS."""
