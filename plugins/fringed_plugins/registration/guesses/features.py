@@ -1,6 +1,6 @@
 """Guesses by local features: fast point feature histograms, and groups of alike points that one motion explains.
 
-Owns the choice of points, their matches and the options; histograms are made in `describing_kernels`, groups in
+Owns the choice of points, their matches and the options; histograms are made in `feature_kernels`, groups in
 `consistent`.
 
 References
@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fringed_plugins.registration.describing_kernels import blended, simple
 from fringed_plugins.registration.guesses.common import (
     Array,
     Guess,
@@ -27,6 +26,7 @@ from fringed_plugins.registration.guesses.common import (
     thinned_by,
 )
 from fringed_plugins.registration.guesses.consistent import Grouping, Matches, motions
+from fringed_plugins.registration.guesses.feature_kernels import blended, simple
 from fringed_plugins.registration.result import Report, silent
 from fringed_plugins.registration.surface import Level
 
