@@ -3,7 +3,7 @@
 Pairs of views, nothing given: simulated scans of heads 60 degrees apart, as they are and with the model turned at
 random besides, and the unit tests' reliefs, 30 to 60 degrees apart and rolled. Methods guess on the levels that a
 registration gives them; the same tournament (`coarse.tournament`, its default rounds) refines their guesses. Right is
-within 10 degrees and 10 mm RMS over the model's points. `describing` and `turns` are what `register` tries by itself.
+within 10 degrees and 10 mm RMS over the model's points. `starting.ORDER` says which `register` tries.
 Times are CPU seconds, which other work on the machine hardly changes.
 
     python tests/bench/bench_guesses.py [--folder FOLDER] [--count 6] [--resolution 0.5] [--only METHOD,METHOD]
@@ -29,10 +29,9 @@ from heads import Array, HeadView, arguments, heads, say
 from scipy.spatial.transform import Rotation
 
 from fringed_plugins.registration.coarse import tournament
-from fringed_plugins.registration.describing import guesses
 from fringed_plugins.registration.guesses import GUESSERS, Guesser
 from fringed_plugins.registration.result import silent
-from fringed_plugins.registration.starting import GUESS_POINTS, SHAPE_POINTS, SHAPES
+from fringed_plugins.registration.starting import GUESS_POINTS
 from fringed_plugins.registration.starts import principal_axes, turns
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import rigid, translation
@@ -89,10 +88,6 @@ def pairs(asked: Namespace) -> Iterator[Pair]:
         yield Pair("reliefs", *relief_pair(shape, float(apart), float(roll), 1.0))
 
 
-def described(reference: Surface, model: Surface, seed: int) -> list[Array]:
-    return guesses(reference.level(SHAPE_POINTS), model.level(SHAPE_POINTS), SHAPES)
-
-
 def turned(reference: Surface, model: Surface, seed: int) -> list[Array]:
     p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
     return turns(p, q, model.origin - reference.origin) + principal_axes(p, q)
@@ -108,7 +103,6 @@ def guessed(method: Guesser) -> Method:
 
 
 METHODS: dict[str, Method] = {
-    "describing": described,
     "turns": turned,
     **{name: guessed(method) for name, method in GUESSERS.items()},
 }
@@ -165,8 +159,7 @@ def main() -> int:
     outcomes: dict[str, list[Outcome]] = {name: [] for name in names}
     for number, pair in enumerate(pairs(asked)):
         for surface in (pair.reference, pair.model):
-            for points in (GUESS_POINTS, SHAPE_POINTS):
-                _ = surface.level(points).tree
+            _ = surface.level(GUESS_POINTS).tree
         for name in names:
             if not number:
                 tried(METHODS[name], pair, number)  # compiles, and makes the tournament's levels

@@ -1,7 +1,7 @@
 """Where a registration may start: as the views stand, or as told; then guesses, in the order of what they cost.
 
-Owns that order and the points that guesses are made of. How a guess is made is in `invariant`, `describing`, `starts`
-and `guesses`; whether it is right is for `verify` to say.
+Owns that order and the points that guesses are made of. How a guess is made is in `invariant`, `starts` and
+`guesses`; whether it is right is for `verify` to say.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import numpy as np
 
 from fringed_plugins.registration.clouds import CloudSurface
 from fringed_plugins.registration.coarse import ROUNDS, SHORT, Round, tournament
-from fringed_plugins.registration.describing import Search, guesses
 from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.invariant import Curved, curved, draw_near
 from fringed_plugins.registration.result import Report
@@ -21,11 +20,10 @@ from fringed_plugins.registration.surface import Scan, Surface
 from fringed_plugins.registration.transforms import FloatArray
 
 GUESS_POINTS = 2500
-SHAPE_POINTS = 4000
-MORE_POINTS = 6000
-SHAPES = 12
 COARSE_POINTS = 2500
 COARSE_ITERATIONS = 25
+TURNS = "turns"
+ORDER = (("point-signatures", SHORT), ("oriented-pairs", SHORT), (TURNS, ROUNDS), ("spin-images", ROUNDS))
 SEED = 20020507  # guesses by chance are the same ones for the same views
 
 Guesses = Callable[[Scan, Scan], list[FloatArray]]
@@ -51,9 +49,13 @@ def starts(
         pass
     else:
         yield draw_near(*pair, first, COARSE_ITERATIONS, lambda made: report(0.1, f"coarse: {made.pairs} pairs"))
-    for number, (guess, rounds) in enumerate(((_by_shape, SHORT), (_by_axes, ROUNDS), (_by_shape_again, ROUNDS))):
-        report(0.2 + 0.1 * number, "first guesses")
-        yield from _best(reference, model, guess, report, threads, rounds)
+    for number, (name, rounds) in enumerate(ORDER):
+        report(0.2 + 0.05 * number, f"first guesses: {name}")
+        guess = _by_turns if name == TURNS else _by_name(name, report, threads)
+        try:
+            yield from _best(reference, model, guess, report, threads, rounds)
+        except ValueError:  # too few points for this one; verification judges what others find
+            continue
 
 
 def _best(
@@ -84,18 +86,7 @@ def _curved(scan: Scan) -> Curved:
     return curved(scan, COARSE_POINTS)
 
 
-def _by_shape(reference: Scan, model: Scan) -> list[FloatArray]:
-    """Return what local shapes agree on, whatever the turn between the views."""
-    return guesses(reference.level(SHAPE_POINTS), model.level(SHAPE_POINTS), SHAPES)
-
-
-def _by_axes(reference: Scan, model: Scan) -> list[FloatArray]:
+def _by_turns(reference: Scan, model: Scan) -> list[FloatArray]:
     """Return turns about the image's axes and the alignments of principal axes: what has no shapes, may have these."""
     p, q = reference.level(GUESS_POINTS).points, model.level(GUESS_POINTS).points
     return turns(p, q, model.origin - reference.origin) + principal_axes(p, q)
-
-
-def _by_shape_again(reference: Scan, model: Scan) -> list[FloatArray]:
-    """Return what local shapes agree on, more of them and of smaller surroundings."""
-    levels = reference.level(MORE_POINTS), model.level(MORE_POINTS)
-    return guesses(*levels, SHAPES, Search(radius=4.0, described=2500, correspondences=1500))
