@@ -5,6 +5,7 @@ Owns the drivers' names; imports what a driver needs only when it is named, plug
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from fringed.simulation.rig import SimulatedRig
 
 NONE, SIMULATED, REPLAY = "none", "sim", "replay"
+BUILT_IN: Mapping[str, Mapping[str, str]] = {"camera": {}, "projector": {}}
+"""Our drivers of real devices, by kind and name: `module:class`, imported when a configuration names one."""
 LoadPlugins = Callable[[], Catalogue]
 MakeReplay = Callable[[StationConfig], tuple[Camera, Projector]]
 
@@ -82,7 +85,8 @@ def _replay(config: StationConfig, make_replay: MakeReplay | None) -> tuple[Came
 
 
 def _needed(chosen: tuple[str, str], load_plugins: LoadPlugins | None) -> Catalogue:
-    if load_plugins is not None and set(chosen) - {NONE, SIMULATED, REPLAY}:
+    ours = {NONE, SIMULATED, REPLAY, *BUILT_IN["camera"], *BUILT_IN["projector"]}
+    if load_plugins is not None and set(chosen) - ours:
         return load_plugins()
     return Catalogue()
 
@@ -127,8 +131,18 @@ def _no_options(options: Mapping[str, Any]) -> None:
         raise ConfigurationError(f"{len(problems)} problem{'s' * (len(problems) > 1)}:", problems)
 
 
+def built_in(kind: str, name: str) -> Driver | None:
+    """Return our own driver of a real device, imported now; None where none has that name."""
+    place = BUILT_IN[kind].get(name)
+    if place is None:
+        return None
+    module, _, attribute = place.partition(":")
+    driver: Driver = getattr(importlib.import_module(module), attribute)
+    return driver
+
+
 def _from_plugin(kind: str, config: DeviceConfig, station: str, catalogue: Catalogue) -> Any:
-    driver: Driver = catalogue.get(kind, config.driver)
+    driver: Driver = built_in(kind, config.driver) or catalogue.get(kind, config.driver)
     options = validate(config.options, driver.Options, f"{kind}.options")
     try:
         return driver.create(options, DriverContext(station, MachineClock()))

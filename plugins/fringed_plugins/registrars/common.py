@@ -26,7 +26,9 @@ MESH_POINTS = 200_000
 class PairParams(Params, frozen=True, kw_only=True):
     """What all of them take."""
 
-    points: Annotated[int, Meta(ge=500, le=2_000_000, description="most smoothed points of the last stage")] = 40_000
+    points: Annotated[
+        int, Meta(ge=500, le=2_000_000, description="most points of the last stage until it is near; it ends with all")
+    ] = 40_000
     iterations: Annotated[
         int, Meta(ge=0, le=1000, description="most iterations of each stage; 0: the method's own, 20 to 100")
     ] = 0

@@ -34,7 +34,9 @@ class Merge:
 
     name: ClassVar[str] = "merge"
     version: ClassVar[str] = "3.0.0"
-    summary: ClassVar[str] = "views registered, loops closed, all surfaces brought together; one cloud or mesh of them"
+    summary: ClassVar[str] = (
+        "views registered, loops closed, overlaps fused by how well each is seen: one cloud or mesh"
+    )
     inputs: ClassVar[Mapping[str, Any]] = {"views": (RangeImage,), "registrations": (Registration,)}
     optional: ClassVar[frozenset[str]] = frozenset({"registrations"})
     output: ClassVar[type] = Model
@@ -48,7 +50,7 @@ class Merge:
         ] = True
         refine: Annotated[
             bool, Meta(description="with three views and more: bring all surfaces together at once, at last")
-        ] = True
+        ] = False
         require_convergence: Annotated[
             bool, Meta(description="false: a view that registers nowhere is left out and said to be")
         ] = True

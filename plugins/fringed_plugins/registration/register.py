@@ -37,7 +37,7 @@ class Options:
 
     `T_reference_model` (4, 4) is a start if one is known; where it is refuted, or none is given, guesses are tried:
     `search` names one method of `guesses.GUESSERS`, "auto" tries several in turn, "" none. `fine_points` is how many
-    smoothed points the last stage takes of the model: all of its points are in them.
+    points the last stage takes to come near; it ends with all of them.
     """
 
     T_reference_model: FloatArray | None = None

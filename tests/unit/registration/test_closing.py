@@ -45,7 +45,7 @@ def test_views_of_a_head_close_their_loops(surfaces, linked, known, seen, refine
     assert len(found.edges) == 6 and not found.graph.dropped
     assert heard[-1] == 1.0 and all(0 <= part <= 1 for part in heard)
     assert np.array_equal(found.T_model_view[0], np.eye(4))
-    assert worst(found.T_model_view, seen) < (0.02 if refine else 0.03)
+    assert worst(found.T_model_view, seen) < 0.02
     assert (found.joint is not None) == refine
     if not refine:
         assert found.after[1] <= found.before[1]

@@ -52,7 +52,7 @@ def close_loops(
     options: Options | None = None,
     report: Report = silent,
     *,
-    refine: bool = True,
+    refine: bool = False,
 ) -> Closed:
     """Return poses in which all pairs that overlap have their say, from poses of a chain on.
 

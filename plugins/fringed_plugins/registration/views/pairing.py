@@ -15,18 +15,18 @@ import numpy.typing as npt
 from fringed_plugins.registration.icp import MIN_PAIRS, Settings, pair, weigh
 from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.patch_kernels import SUMS, accumulate, walk
-from fringed_plugins.registration.patches import WINDOWS_PX, Array, Patches, patches, quadratic
+from fringed_plugins.registration.patches import Patches, sharp, slope_noise, worth
 from fringed_plugins.registration.plane import information, jacobian
+from fringed_plugins.registration.projective import variance_at
 from fringed_plugins.registration.rejection import TUKEY, mad_scale
 from fringed_plugins.registration.result import Report
-from fringed_plugins.registration.surface import LEAST_COSINE, Surface
+from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, inverse
 
 MIN_FEET = 60
 NEAR = 3.0  # resolutions
 MOST_PIXELS = 150_000
 FEW = 1500  # samples a view that tell which views overlap
-STEADY = 0.025  # standard deviation of slopes
 
 
 @dataclass(frozen=True)
@@ -89,44 +89,8 @@ class View:
 
 
 def sharp_patches(surface: Surface) -> Patches:
-    """Return patches of the smallest window whose normals are steady enough.
-
-    A wide window is steadier, but what it cuts off a curved surface differs from view to view with the slope: with
-    many views that bias is what is left of the error. At most `MOST_PIXELS` patches, of means where there are more.
-    """
-    thin = surface.thinned(MOST_PIXELS)
-    for window in WINDOWS_PX[::-1]:
-        if slope_noise(thin, window) < STEADY:
-            break
-    try:
-        return patches(thin, window)
-    except ValueError:  # too torn for it
-        return patches(thin)
-
-
-def slope_noise(surface: Surface, window_px: int) -> float:
-    """Return the standard deviation of slopes from windows of this side."""
-    half = np.arange(window_px) - window_px // 2
-    return surface.noise_mm / (surface.spacing_mm * float(np.sqrt(window_px * (half @ half))))
-
-
-def worth(window_px: int, stride_px: int) -> float:
-    """Return how many points' information on slow changes one of the smoothed points at each stride-th pixel has.
-
-    A sum over samples weighs a pixel by the windows that it lies in: even weights lose nothing.
-
-    Examples
-    --------
-    >>> round(worth(7, 1), 6), round(worth(7, 3), 1), round(worth(3, 3), 1)
-    (1.0, 6.6, 1.8)
-    """
-    u = np.arange(window_px, dtype=np.float64) - window_px // 2
-    w = quadratic(window_px)[0]
-    weights = w[0] + w[1] * u[:, None] ** 2 + w[2] * u[None] ** 2
-    place = np.arange(window_px) % stride_px
-    summed = np.zeros((stride_px, stride_px))
-    np.add.at(summed, (place[:, None], place[None]), weights)
-    return float(1 / (summed**2).sum())
+    """Return the `sharp` patches, at most `MOST_PIXELS` of them: of means where there are more."""
+    return sharp(surface.thinned(MOST_PIXELS))
 
 
 @dataclass
@@ -141,7 +105,7 @@ class Meeting:
 
     def __post_init__(self) -> None:
         self.found = np.full(len(self.model), -1, np.int64)
-        self.rows = np.empty((len(self.model), 8))
+        self.rows = np.zeros((len(self.model), 8))
 
     def meet(self, T: FloatArray) -> npt.NDArray[np.bool_]:
         """Walk to the feet at `T`, and return which samples count (n,): all False where they are too few."""
@@ -181,16 +145,6 @@ class Meeting:
         rms = float(np.sqrt(sums[28] / sums[27])) if sums[27] > 0 else float("inf")
         each = self.model.worth
         return Said(H, sums[21:27] * each, float(sums[27]) * each, len(at), rms, float(np.sqrt(expected2)))
-
-
-def variance_at(side: Patches, pixels: Array, normals: FloatArray) -> FloatArray:
-    """Return the variance along the normal (n,) of single points at flat `pixels` (n,)."""
-    sigma = np.asarray(side.surface.noise_mm if side.surface.sigma is None else side.surface.sigma.reshape(-1)[pixels])
-    ray = side.table.reshape(-1, 15)[pixels, :3] + side.surface.origin
-    length = np.sqrt(np.einsum("ij,ij->i", ray, ray))
-    cosine = np.abs(np.einsum("ij,ij->i", ray, normals)) / np.maximum(length, 1e-12)
-    variance: FloatArray = np.asarray((sigma * np.maximum(cosine, LEAST_COSINE)) ** 2, np.float64)
-    return variance
 
 
 def overlapping(
