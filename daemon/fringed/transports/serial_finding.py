@@ -19,6 +19,7 @@ from fringed.errors import DeviceAbsent, UsageError
 
 PREFIX = "usb:"
 KEYS = ("serial", "location", "id")
+_NO_LINES = (0, 1)  # plain files, and /dev/null and its like, which everybody has open
 
 
 @dataclass(frozen=True)
@@ -113,6 +114,8 @@ def _told(adapters: list[SerialAdapter]) -> str:
 def holders(device: str) -> list[str]:
     """Return the other programs that have `device` open, as `name (pid)`, as far as this user may see them."""
     number = Path(device).stat().st_rdev
+    if os.major(number) in _NO_LINES:
+        return []
     found = []
     for process in Path("/proc").iterdir():
         if process.name.isdigit() and int(process.name) != os.getpid() and _holds(process, number):
