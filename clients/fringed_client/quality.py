@@ -78,12 +78,13 @@ def lines(row: Mapping[str, Any]) -> list[str]:
     if "registrations" in row:
         head = f"{row['points']:,} points from {row['views']} views"
         return [head, *(f"view {r['view']} to 1: {_ended(r)}" for r in row["registrations"])]
-    return [_ended(row), _moved(row)] if "rms_mm" in row else []
+    return [_ended(row), _moved(row), *_matrix(row)] if "rms_mm" in row else []
 
 
 def _ended(row: Mapping[str, Any]) -> str:
     end = "converged" if row["converged"] else f"NOT converged ({row['reason']})"
-    return f"{end}, RMS {row['rms_mm'] * 1000:.0f} um, overlap {row['overlap']:.0%}"
+    rms = f", RMS {row['rms_mm'] * 1000:.3g} um" if np.isfinite(row["rms_mm"]) else ""
+    return f"{end}{rms}, overlap {row['overlap']:.0%}"
 
 
 def _moved(row: Mapping[str, Any]) -> str:
@@ -92,7 +93,12 @@ def _moved(row: Mapping[str, Any]) -> str:
     turn = f"{row['rotation_deg']:.4f} deg" + (f" (sigma {sigma:.1g})" if sigma else "")
     axis = ", ".join(f"{x:.3f}" for x in row["axis"])
     shift = ", ".join(f"{line[3]:.3f}" for line in row["T_reference_model"][:3])
-    return f"turned {turn} about ({axis}), moved by ({shift}) mm"
+    return f"model to reference: turned {turn} about ({axis}), moved by ({shift}) mm, about the frame's origin"
+
+
+def _matrix(row: Mapping[str, Any]) -> list[str]:
+    """Return the rows of T_reference_model."""
+    return ["  ".join(f"{value:14.9f}" for value in line) for line in row["T_reference_model"]]
 
 
 def warnings_of(rows: Sequence[Mapping[str, Any]], sets: Mapping[str, FrameSet]) -> list[str]:

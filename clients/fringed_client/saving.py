@@ -25,7 +25,7 @@ SURFACES = ("RangeImage", "Model")
 
 
 def save_result(station: Station, result: ScanResult, folder: Path) -> list[Path]:
-    """Write every set and product as a recording, surfaces that have points as PLY too, and `scan.json`.
+    """Write every set and product as a recording, points as PLY and motions as text too, and `scan.json`.
 
     Raises
     ------
@@ -39,10 +39,21 @@ def save_result(station: Station, result: ScanResult, folder: Path) -> list[Path
     named |= {_name(p): str(p["id"]) for p in result.state.products}
     written = [save_recording(station, item_id, folder / name) for name, item_id in named.items()]
     for product in result.state.products:
+        if product.get("kind") == "Registration":
+            written.append(_matrix_file(result.fetch(str(product["id"])), folder / f"{_name(product)}.txt"))
         if product.get("kind") in SURFACES and _has_points(result.fetch(str(product["id"]))):
             written.append(station.export(product["id"], "ply", folder / f"{_name(product)}.ply"))
     state = json.dumps(msgspec.to_builtins(result.state), indent=2).encode()
     return [*written, write_aside(folder / "scan.json", state)]
+
+
+def _matrix_file(found: Any, path: Path) -> Path:
+    """Write T_reference_model as four rows of numbers; lines that begin with # say what it is."""
+    text = io.StringIO()
+    said = "converged" if found.converged else f"NOT converged: {found.reason}"
+    head = f"T_reference_model: takes points of {found.model} to the frame of {found.reference}\n{said}"
+    np.savetxt(text, found.T_reference_model, "%.12g", header=head)
+    return write_aside(path, text.getvalue().encode())
 
 
 def _has_points(surface: Any) -> bool:

@@ -121,8 +121,8 @@ def summary(made: list[Made]) -> None:
 def draw(path: Path, made: list[Made]) -> None:
     """Draw all models obliquely, matt, at one scale."""
     from fringed_client.pictures.figures import figure, save, titled
-    from fringed_client.pictures.layers import Layer, composed
-    from fringed_client.pictures.models import CLAY, filled
+    from fringed_client.pictures.layers import Layer, composed, filled
+    from fringed_client.pictures.models import CLAY
     from fringed_client.pictures.shading import turned
     from fringed_client.pictures.views import show
 

@@ -216,13 +216,14 @@ def _surface(path: Path) -> Any:
 @common
 def register_command(
     views: tuple[str, ...], folder: Path | None, config: Path | None, options: Options, timeout: float, **wish: Any
-) -> None:
+) -> int:
     """Bring range images together; the first one is the reference.
 
     Takes ids of range images, or recordings (.h5) of them. With --pair also models, and files of points or triangles:
-    .ply, .stl, .obj, .xyz, in any unit.
+    .ply, .stl, .obj, .xyz, in any unit (figures are then in that unit, whatever they are called). Ends with code 5
+    where a pair did not converge.
     """
-    from fringed.errors import UsageError
+    from fringed.errors import EXIT_OK, EXIT_QUALITY, UsageError
     from fringed_client.cli.scanning import report
     from fringed_client.private import any_station
 
@@ -240,4 +241,5 @@ def register_command(
                 on_progress=steps.scan("register"),
                 timeout_s=timeout,
             )
-        report(station, result, folder, options)
+        quality = report(station, result, folder, options)
+    return EXIT_QUALITY if any(row.get("converged") is False for row in quality) else EXIT_OK

@@ -217,7 +217,7 @@ def view_command(sources: tuple[str, ...], folder: Path, config: Path | None, op
 
 def _registered(station: Station, content: Any) -> tuple[Any, Any] | None:
     """Return the views that a registration joins, None where it is none or they are not recorded."""
-    from fringed.data import Model, RangeImage, Registration
+    from fringed.data import Mesh, Model, RangeImage, Registration
     from fringed.errors import NotFound, RecordingError
 
     if not isinstance(content, Registration) or not (content.reference and content.model):
@@ -227,4 +227,4 @@ def _registered(station: Station, content: Any) -> tuple[Any, Any] | None:
     except (NotFound, RecordingError) as error:
         output.say(f"only the convergence is drawn: {error}")
         return None
-    return pair if all(isinstance(one, (RangeImage, Model)) for one in pair) else None
+    return pair if all(isinstance(one, (RangeImage, Model, Mesh)) for one in pair) else None

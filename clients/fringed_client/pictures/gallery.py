@@ -23,13 +23,12 @@ from fringed.data import (
 )
 from fringed.errors import UsageError
 from fringed_client.pictures import boards, calibration, convergence, maps, models, registration, verification, views
+from fringed_client.pictures.layers import Surface
 
 DRAWN = "FrameSet, PhaseMap, BoardView, Calibration, Verification, RangeImage, Model, Registration and Truth"
 
 
-def draw_all(
-    content: Any, folder: Path, pair: tuple[registration.Surface, registration.Surface] | None = None
-) -> list[Path]:
+def draw_all(content: Any, folder: Path, pair: tuple[Surface, Surface] | None = None) -> list[Path]:
     """Draw everything that suits an object into `folder`; returns the pictures' paths.
 
     `pair` are the reference and the model of a Registration, where they are known: both are drawn with it.

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Patch
+from scipy.spatial import cKDTree
 
-from fringed.data import Array, Model, RangeImage
+from fringed.data import Array, Mesh, Model, RangeImage
 from fringed_client.pictures.figures import ACCENT, DPI, FAINT, INK, figure, save, titled
 from fringed_client.pictures.geometry import grid_normals
 from fringed_client.pictures.shading import PAPER, Rendering, View, Window, render_points, tinted, window_of
@@ -25,6 +26,9 @@ WIDE_IN, HIGH_IN = 9.4, 7.4  # of all panels together, without their labels
 LEFT_IN, ABOVE_IN, BELOW_IN = 0.68, 0.24, 0.42  # what a panel's own labels need
 TORN = 0.5  # of the points without a normal: the grid has no surface, its points are shown flat
 MOST_GRID_POINTS = 500_000
+FILLED_POINTS = 250_000  # that triangles are filled with
+NEIGHBOURS = 16
+Surface = RangeImage | Model | Mesh
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,12 @@ def moved(points_mm: Array, T: Array) -> Array:
     return placed
 
 
-def layer_of(image: RangeImage | Model, colour: Array) -> Layer:
+def sided(image: Surface) -> bool:
+    """Tell whether somebody knows on which side of its surface a view was seen."""
+    return not isinstance(image, Model) or bool(image.normals.any())
+
+
+def layer_of(image: Surface, colour: Array) -> Layer:
     """Return a view as a layer: a surface, or points that face the camera where few normals are known."""
     points, normals = grid_of(image)
     known = np.isfinite(normals[:, 2])
@@ -56,13 +65,21 @@ def layer_of(image: RangeImage | Model, colour: Array) -> Layer:
     return Layer(points[known], normals[known], colour)
 
 
-def grid_of(image: RangeImage | Model) -> tuple[Array, Array]:
-    """Return kept points (n, 3) and their normals (n, 3), NaN where unknown; every other one of very many."""
+def grid_of(image: Surface) -> tuple[Array, Array]:
+    """Return kept points (n, 3) and their normals (n, 3), NaN where unknown; every other one of very many.
+
+    Points without a grid whose normals nobody has said get those of their neighbours, away from the middle of all.
+    """
+    if isinstance(image, Mesh):
+        layer = filled(Layer(image.vertices_mm, _vertex_normals(image), np.zeros(3)), image.faces)
+        return layer.points_mm, layer.normals
     if isinstance(image, Model):
         some = slice(None, None, max(1, int(np.ceil(len(image.points_mm) / MOST_GRID_POINTS))))
-        given = np.asarray(image.normals[some], np.float64)
+        points, given = np.asarray(image.points_mm[some], np.float64), np.asarray(image.normals[some], np.float64)
+        if not sided(image):
+            given = _neighbours_normals(points)
         unknown = ~(np.linalg.norm(given, axis=1, keepdims=True) > 0)
-        return np.asarray(image.points_mm[some], np.float64), np.where(unknown, np.nan, given)
+        return points, np.where(unknown, np.nan, given)
     kept = (image.rejected == 0) & np.isfinite(image.xyz_mm).all(axis=2)
     xyz = np.where(kept[..., None], image.xyz_mm, np.nan).astype(np.float32)
     normals = grid_normals(xyz)
@@ -70,6 +87,46 @@ def grid_of(image: RangeImage | Model) -> tuple[Array, Array]:
     chosen = np.zeros_like(kept)
     chosen[::step, ::step] = kept[::step, ::step]
     return np.asarray(xyz[chosen], np.float64), np.asarray(normals[chosen], np.float64)
+
+
+def _neighbours_normals(points: Array) -> Array:
+    """Return unit normals (n, 3) of the planes through each point's neighbours, away from the middle of all."""
+    if len(points) <= NEIGHBOURS:
+        return np.zeros_like(points)
+    near = points[cKDTree(points).query(points, NEIGHBOURS, workers=1)[1]]
+    off = near - near.mean(axis=1, keepdims=True)
+    normals: Array = np.linalg.eigh(np.einsum("nki,nkj->nij", off, off))[1][:, :, 0]
+    away = np.einsum("ni,ni->n", normals, points - points.mean(axis=0))
+    return np.where(away[:, None] < 0, -normals, normals)
+
+
+def _vertex_normals(mesh: Mesh) -> Array:
+    """Return unit normals (n, 3) of a mesh's vertices: of their triangles, by area."""
+    a, b, c = (mesh.vertices_mm[mesh.faces[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    total = np.stack(
+        [np.bincount(mesh.faces.ravel(), np.repeat(across[:, k], 3), len(mesh.vertices_mm)) for k in range(3)], axis=1
+    )
+    normals: Array = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return normals
+
+
+def filled(layer: Layer, faces: Array, count: int = FILLED_POINTS) -> Layer:
+    """Return a layer of points on the triangles (m, 3), as dense everywhere: about `count`, at least one in each."""
+    corners = layer.points_mm.astype(np.float64)[faces]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    whole = float(area.sum())
+    each = np.ceil(area * (count / whole)).astype(np.int64) if whole > 0 else np.ones(len(faces), np.int64)
+    face = np.repeat(np.arange(len(faces)), np.maximum(each, 1))
+    u, v = np.random.default_rng(0).random((2, len(face)))
+    over = u + v > 1
+    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
+    weights = np.stack([1 - u - v, u, v], axis=1)[..., None]
+    at = faces[face]
+    normals = (layer.normals[at] * weights).sum(axis=1)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    colours = np.broadcast_to(layer.colour, layer.points_mm.shape)
+    return Layer((corners[face] * weights).sum(axis=1), normals, (colours[at] * weights).sum(axis=1))
 
 
 def composed(

@@ -15,11 +15,10 @@ from matplotlib.colors import to_hex, to_rgb
 from fringed.data import Array, Model
 from fringed.errors import UsageError
 from fringed_client.pictures.figures import APART
-from fringed_client.pictures.layers import Layer, draw_layers
+from fringed_client.pictures.layers import Layer, draw_layers, filled
 from fringed_client.pictures.shading import CLAY, VIEWS, View, turned
 
 By = Literal["views", "intensity", "clay"]
-FILLED_POINTS = 250_000  # that triangles are filled with
 PALER = 0.3  # what surfaces have of white, that their shade is seen
 NAMED_VIEWS = 14
 
@@ -85,21 +84,3 @@ def view_colours(count: int) -> Array:
     named = np.array([to_rgb(colour) for colour in APART[:-1]])
     colours = named[:count] if count <= len(named) else colormaps["viridis"](np.linspace(0, 1, count))[:, :3]
     return np.asarray(PALER + (1 - PALER) * colours, np.float64)
-
-
-def filled(layer: Layer, faces: Array, count: int = FILLED_POINTS) -> Layer:
-    """Return a layer of points on the triangles (m, 3), as dense everywhere: about `count`, at least one in each."""
-    corners = layer.points_mm.astype(np.float64)[faces]
-    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    whole = float(area.sum())
-    each = np.ceil(area * (count / whole)).astype(np.int64) if whole > 0 else np.ones(len(faces), np.int64)
-    face = np.repeat(np.arange(len(faces)), np.maximum(each, 1))
-    u, v = np.random.default_rng(0).random((2, len(face)))
-    over = u + v > 1
-    u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
-    weights = np.stack([1 - u - v, u, v], axis=1)[..., None]
-    at = faces[face]
-    normals = (layer.normals[at] * weights).sum(axis=1)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    colours = np.broadcast_to(layer.colour, layer.points_mm.shape)
-    return Layer((corners[face] * weights).sum(axis=1), normals, (colours[at] * weights).sum(axis=1))

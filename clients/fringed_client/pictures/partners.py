@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from fringed.data import Array, Model, RangeImage
-from fringed_client.pictures.layers import grid_of, moved
+from fringed.data import Array
+from fringed_client.pictures.layers import Surface, grid_of, moved, sided
 
 BESIDE = 1.5  # of the resolution: a partner farther aside than this is the rim of the surface, not its nearest point
 AGREEING = 0.5  # cosine of the greatest angle between partners' normals
@@ -32,7 +32,7 @@ class Partners:
     partner: Array
 
 
-def partners_of(reference: RangeImage | Model, model: RangeImage | Model, T_reference_model: Array) -> Partners:
+def partners_of(reference: Surface, model: Surface, T_reference_model: Array) -> Partners:
     """Return the model's points with their partners; T (4, 4) takes them to the reference's frame.
 
     The distance is along the mean of both normals, which leaves nothing of the curvature between the samples
@@ -48,9 +48,13 @@ def partners_of(reference: RangeImage | Model, model: RangeImage | Model, T_refe
     tree = cKDTree(fixed, balanced_tree=False, compact_nodes=False)
     _, index = tree.query(points, workers=1)
     few = fixed[:: max(1, len(fixed) // 2000)]
-    spacing = float(np.median(tree.query(few, k=2, workers=1)[0][:, 1]))
+    spacing = float(np.sqrt(np.pi / 6) * np.median(tree.query(few, k=7, workers=1)[0][:, 6]))
     between, facing = points - fixed[index], normals[index]
-    agreeing = np.einsum("ij,ij->i", facing, turned) > AGREEING
+    agreeing = np.einsum("ij,ij->i", facing, turned)
+    if not (sided(reference) and sided(model)):  # nobody knows a side: planes agree or not
+        turned = np.where(agreeing[:, None] < 0, -turned, turned)
+        agreeing = np.abs(agreeing)
+    agreeing = agreeing > AGREEING
     mean = facing + np.where(agreeing[:, None], turned, facing)
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     distance = np.einsum("ij,ij->i", between, mean)
@@ -58,7 +62,7 @@ def partners_of(reference: RangeImage | Model, model: RangeImage | Model, T_refe
     return Partners(points, turned, fixed[index], distance, agreeing & (aside < BESIDE * spacing))
 
 
-def _surface(image: RangeImage | Model) -> tuple[Array, Array]:
+def _surface(image: Surface) -> tuple[Array, Array]:
     points, normals = grid_of(image)
     known = np.isfinite(normals[:, 2])
     return points[known], normals[known]

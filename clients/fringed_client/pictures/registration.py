@@ -17,16 +17,15 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize, to_hex, to_rgb
 from matplotlib.patches import Patch
 
-from fringed.data import Array, Model, RangeImage, Registration
+from fringed.data import Array, Registration
 from fringed_client.pictures.figures import DPI, FAINT, INK, PAPER, colour_bar, figure, labelled, save, titled
-from fringed_client.pictures.layers import Layer, composed, draw_layers, layer_of, moved
+from fringed_client.pictures.layers import Layer, Surface, composed, draw_layers, layer_of, moved
 from fringed_client.pictures.partners import partners_of
 from fringed_client.pictures.shading import VIEWS
 from fringed_client.pictures.views import show
 
 REFERENCE, MODEL, UNMATCHED = to_rgb("#4f9fdc"), to_rgb("#f0a028"), "#6e6e69"
 MAP_PX, PAIR_PX = 520, 900
-Surface = RangeImage | Model
 GAP = 0.2  # between the views, of the wider one
 
 

@@ -196,8 +196,9 @@ def last_product(state: ScanState, kind: str) -> str:
 
 def registration_stages(processor: str, params: Mapping[str, Any] | None, merge: bool) -> list[dict[str, Any]]:
     """Return the stage that brings views together: all in one model, or one pair's transform."""
+    named = {"views": "views"} if merge else {"reference": "reference", "model": "model"}
     return [{"name": "merge" if merge else "register", "kind": "processor", "plugin": processor,
-             "params": dict(params or {}), "keep": True}]  # fmt: skip
+             "params": dict(params or {}), "inputs": named, "keep": True}]  # fmt: skip
 
 
 def register_params(

@@ -96,6 +96,10 @@ def _read_obj(raw: bytes) -> SurfaceFile:
 
 def _read_xyz(raw: bytes) -> SurfaceFile:
     lines = [line for line in raw.decode("utf-8").splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    columns = {len(line.replace(",", " ").split()) for line in lines}
+    if not lines or len(columns) > 1:
+        seen = f"lines of {min(columns)} to {max(columns)} numbers" if lines else "no line of numbers"
+        raise ValueError(f"it has {seen}; a line has 3 coordinates, and maybe 3 of a normal, all lines alike")
     table: Array = np.array([line.replace(",", " ").split() for line in lines], dtype=np.float64)
     if table.ndim != 2 or table.shape[1] < 3:
         raise ValueError("a line has 3 coordinates, and maybe 3 of a normal")

@@ -158,6 +158,8 @@ class Link:
             self._refuse(frames, error)
             return
         if isinstance(message, Job):
+            if message.attempt > 1:  # wanted again: what stopped an earlier attempt is over
+                self._cancelled.discard(message.id)
             self._work.put(message)
             self._frames = {feed: frames for feed, frames in self._frames.items() if frames}
         elif isinstance(message, (FeedBegin, FeedFrame, FeedDrop)):

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from fringed_plugins.mesh.geometry import Geometry, comment_lines, face_normals
 
 _COMMENT = "fringed, millimetres"
+_CHUNK = 100_000  # triangles
 
 
 def ply(geometry: Geometry) -> bytes:
@@ -82,11 +83,15 @@ def stl(geometry: Geometry) -> bytes:
     if geometry.faces is None or len(geometry.faces) == 0:
         raise ValueError("STL holds triangles only, and this has none; export points as PLY, PCD or XYZ")
     record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
-    triangles = np.zeros(len(geometry.faces), record)
-    triangles["normal"] = face_normals(geometry.vertices, geometry.faces)
-    triangles["corners"] = geometry.vertices[geometry.faces]
     head = ", ".join(comment_lines((_COMMENT, *geometry.notes), ""))[:80].rstrip(", ").encode("ascii").ljust(80, b" ")
-    return head + struct.pack("<I", len(triangles)) + triangles.tobytes()
+    content = bytearray(len(head) + 4 + record.itemsize * len(geometry.faces))
+    content[: len(head) + 4] = head + struct.pack("<I", len(geometry.faces))
+    triangles = np.frombuffer(content, record, offset=len(head) + 4)
+    for start in range(0, len(geometry.faces), _CHUNK):  # whole, its temporaries are many times the file
+        some = geometry.faces[start : start + _CHUNK]
+        triangles["normal"][start : start + _CHUNK] = face_normals(geometry.vertices, some)
+        triangles["corners"][start : start + _CHUNK] = geometry.vertices[some]
+    return bytes(content)
 
 
 def _packed(columns: list[tuple[str, str, npt.NDArray[Any]]]) -> bytes:

@@ -96,7 +96,7 @@ def _longest(xyz_mm: Float32Array, max_edge_mm: float) -> float:
 
 def face_normals(vertices: npt.NDArray[Any], faces: Int32Array) -> Float32Array:
     """Return the unit normal (m, 3) of each triangle; 0 for one without area."""
-    corners = np.asarray(vertices, np.float64)[faces]
+    corners = vertices[faces].astype(np.float64)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     return np.asarray(np.divide(normals, length, out=np.zeros_like(normals), where=length > 0), np.float32)

@@ -44,7 +44,9 @@ class Merge:
     class Params(PairParams, frozen=True, kw_only=True):
         """Parameters of `merge`."""
 
-        reference: Annotated[int, Meta(ge=0, le=254, description="view whose frame the model takes")] = 0
+        reference: Annotated[
+            int, Meta(ge=0, le=254, description="view whose frame the model takes, counted from 0")
+        ] = 0
         close_loops: Annotated[
             bool, Meta(description="register every pair that overlaps, and share out what the loops do not close")
         ] = True
@@ -83,7 +85,7 @@ class Merge:
         try:
             return _Merging(views, params, context).run(_known(views, given))
         except ChainBrokenError as error:
-            pair = f"view {error.view} ({views[error.view].id}) to view {error.partner} ({views[error.partner].id})"
+            pair = " to ".join(f"view {k + 1} ({views[k].id})" for k in (error.view, error.partner))
             raise ConvergenceError(
                 f"cannot merge: {pair} does not register: {error.alignment.reason}; give views with more overlap, "
                 "or set require_convergence = false to leave it out"
@@ -105,7 +107,7 @@ class _Merging:
     def run(self, known: Mapping[tuple[int, int], Alignment]) -> Model:
         report, wish = report_to(self.context), self.params
         surfaces = []
-        for number, view in enumerate(self.views):
+        for number, view in enumerate(self.views, 1):
             report(0.0, f"preparing view {number}")
             surfaces.append(surface_of(view, f"view {number}"))
         options = wish.options(self.context.threads)
@@ -125,7 +127,7 @@ class _Merging:
         return self._integrated(surfaces, linked, between(report, 0.6, 1.0))
 
     def _name(self, view: int) -> str:
-        return f"view {view} ({self.views[view].id})"
+        return f"view {view + 1} ({self.views[view].id})"
 
     def _warn(self, text: str) -> None:
         self.context.log("warning", text)

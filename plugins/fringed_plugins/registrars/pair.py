@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 from msgspec import Meta
 
 from fringed.data import Mesh, Model, RangeImage, Registration
-from fringed.errors import DataError
+from fringed.errors import DataError, UsageError
 from fringed.hookspecs import Context
 from fringed_plugins.registrars.common import MM, PairParams, Row, product_of, report_to, scan_of
 from fringed_plugins.registration.family.pair import register_by
@@ -56,12 +56,19 @@ class Register:
         Raises
         ------
         DataError
-            views that cannot be registered, a start that is not rigid, a method or a search that there is not.
+            views that cannot be registered, or a start that is not rigid.
+        UsageError
+            a method or a search that there is not, or both of them.
         """
         reference, model = inputs["reference"], inputs["model"]
         search = _named("search", params.search, ("auto", "none", *GUESSERS))
         wish = params.options(context.threads, params.T_reference_model)
         options = replace(wish, search="" if search == "none" else search)
+        if params.method != "default" and search != "auto":
+            raise UsageError(
+                f"search = {search!r} with method = {params.method!r}: methods of the literature start where they are "
+                "told, or as the views stand; leave `search` out, or take the default method"
+            )
         method = METHODS.get(_named("registration method", params.method, ("default", *METHODS)))
         report = report_to(context)
         try:
@@ -83,9 +90,9 @@ class Register:
 
 
 def _named(what: str, name: str, known: Sequence[str]) -> str:
-    """Return a name that there is; raise DataError with those that look like it."""
+    """Return a name that there is; raise UsageError with those that look like it."""
     if name in known:
         return name
     close = difflib.get_close_matches(name, known, 3)
     meant = f"did you mean {' or '.join(close)}? " if close else ""
-    raise DataError(f"no {what} is called {name!r}; {meant}There are {', '.join(known)}")
+    raise UsageError(f"no {what} is called {name!r}; {meant}There are {', '.join(known)}")

@@ -72,7 +72,7 @@ def chain(
     for done, view in enumerate(order):
 
         def tell(part: float, text: str, view: int = view, done: int = done) -> None:
-            report((done + part) / len(order), f"view {view}: {text}")
+            report((done + part) / len(order), f"view {view + 1}: {text}")
 
         link = _place(surfaces, view, sorted(poses, key=lambda j: (abs(j - view), j)), (options, known or {}), tell)
         if link.alignment.converged:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
+RIGID = 3e-3  # of R R^T: three digits typed by hand
 
 
 def rigid(R: npt.ArrayLike, t: npt.ArrayLike) -> FloatArray:
@@ -103,10 +104,10 @@ def checked(T: npt.ArrayLike, name: str = "T_reference_model") -> FloatArray:
         raise ValueError(f"{name} has shape {matrix.shape}; expected a (4, 4) matrix of finite numbers")
     R = matrix[:3, :3]
     off = float(np.abs(R @ R.T - np.eye(3)).max())
-    if off > 1e-4 or np.linalg.det(R) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-9):
+    if off > RIGID or np.linalg.det(R) < 0 or not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-9):
         raise ValueError(
             f"{name} is not rigid: R R^T is off the identity by {off:.2g}, its determinant is "
-            f"{np.linalg.det(R):.3g}, its last row {matrix[3].tolist()}; expected a proper rotation (to 1e-4) "
+            f"{np.linalg.det(R):.3g}, its last row {matrix[3].tolist()}; expected a proper rotation (to {RIGID:g}) "
             "and a translation"
         )
     return orthonormal(matrix)

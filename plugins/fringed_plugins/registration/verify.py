@@ -18,7 +18,7 @@ from fringed_plugins.registration.transforms import FloatArray, apply, cross_mat
 
 NEAR = 1.5  # a partner within this many resolutions covers a point
 GATE = 8.0  # a partner on the same side within this many resolutions can contradict
-LEAST_AGREEING = 0.6
+LEAST_AGREEING = 0.8  # right poses of scans have 0.86 and more, of range images of one rig 0.95
 LEAST_INFORMATION = 5e-4  # smallest share of the pairs that has to hold each direction (slopes of 2.2 % rms)
 OVER_SLOPE_NOISE = 10.0
 NOISES = 5.0

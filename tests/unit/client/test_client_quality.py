@@ -45,7 +45,10 @@ def test_image_without_a_pixel_has_no_sigma_and_a_text() -> None:
 
 def test_registration_that_did_not_converge_is_warned_of_with_its_reason() -> None:
     good = Registration("a", "b", np.eye(4), True, "settled", 0.022, 0.8)
-    assert quality.lines(row(good)) == ["converged, RMS 22 um, overlap 80%"]
+    said = quality.lines(row(good))
+    assert said[0] == "converged, RMS 22 um, overlap 80%"
+    assert said[1].startswith("model to reference: turned 0.0000 deg")
+    assert [float(x) for line in said[2:] for x in line.split()] == np.eye(4).ravel().tolist()
     assert not quality.warnings_of([row(good)], {})
     bad = replace(good, converged=False, reason="too little overlap")
     assert "too little overlap" in quality.warnings_of([row(bad)], {})[0]

@@ -11,7 +11,7 @@ from analytic_relief import errors, hand, head, pose, see
 from scipy.spatial import Delaunay, cKDTree
 
 from fringed.data import Mesh, Model, RangeImage, Registration
-from fringed.errors import Cancelled, ConvergenceError, DataError
+from fringed.errors import Cancelled, ConvergenceError, DataError, UsageError
 from fringed.hookspecs import Processor
 from fringed.wire import decode, encode
 from fringed_plugins import registration_plugin
@@ -92,7 +92,7 @@ def test_method_of_the_literature_is_chosen_by_name(seen, images):
     assert errors(product.T_reference_model, seen[0], seen[1])[0] < 0.05
     icpif = Register().run({"reference": images[0], "model": images[1]}, Register.Params(method="icpif"), Host())
     assert icpif.history[0].alpha_mm > 0 and decode(encode(icpif)).content.history == icpif.history
-    with pytest.raises(DataError, match="did you mean icpif"):
+    with pytest.raises(UsageError, match="did you mean icpif"):
         Register().run({"reference": images[0], "model": images[1]}, Register.Params(method="icpfi"), Host())
 
 
@@ -111,8 +111,12 @@ def test_guesses_of_one_kind_are_chosen_by_name(images):
     start[:3, 3] = [400.0, 0, 0]
     params = msgspec.convert({"T_reference_model": start.tolist(), "search": "oriented-pairs"}, Register.Params)
     assert Register().run({"reference": images[0], "model": images[1]}, params, Host()).converged
-    with pytest.raises(DataError, match="did you mean oriented-pairs"):
+    with pytest.raises(UsageError, match="did you mean oriented-pairs"):
         Register().run({"reference": images[0], "model": images[1]}, Register.Params(search="oriented-pair"), Host())
+    with pytest.raises(UsageError, match="leave `search` out"):
+        Register().run(
+            {"reference": images[0], "model": images[1]}, Register.Params(method="zhang", search="none"), Host()
+        )
 
 
 def test_models_and_meshes_register_without_a_grid(seen, images):
@@ -160,7 +164,7 @@ def test_images_that_cannot_be_meant_are_data_errors(images):
     empty = RangeImage(images[0].xyz_mm * np.float32(np.nan), images[0].rejected, images[0].intensity, id="none")
     with pytest.raises(DataError, match="0 valid points"):
         Register().run({"reference": images[0], "model": empty}, Register.Params(), Host())
-    with pytest.raises(DataError, match="view 1 none has 0 valid points"):
+    with pytest.raises(DataError, match="view 2 none has 0 valid points"):
         Merge().run({"views": (images[0], empty)}, Merge.Params(), Host())
     with pytest.raises(DataError, match="counted from 0"):
         Merge().run({"views": images}, Merge.Params(reference=7), Host())
@@ -208,7 +212,7 @@ def test_merge_takes_given_registrations(images):
 
 def test_merge_names_the_pair_that_fails_or_leaves_it_out(images):
     views = (images[0], image(see(hand, noise_mm=0.05), "hand"), images[1])
-    with pytest.raises(ConvergenceError, match=r"view 1 \(hand\) to view 0 \(view-0\)"):
+    with pytest.raises(ConvergenceError, match=r"view 2 \(hand\) to view 1 \(view-0\)"):
         Merge().run({"views": views}, Merge.Params(), Host())
     host = Host()
     model = Merge().run({"views": views}, Merge.Params(require_convergence=False), host)

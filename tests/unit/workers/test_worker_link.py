@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -90,6 +91,17 @@ def test_cancellation_is_of_one_job(station):
     assert link.next_work(5.0) == JOB
     assert link.cancelled("j")
     assert not link.cancelled("k")
+    link.close()
+
+
+def test_job_that_comes_again_is_not_stopped_by_what_stopped_it_before(station):
+    link = station.link()
+    link.send(WorkerReady("w", 1))
+    station.hear(WorkerReady)
+    station.say(*wire.encode(JobCancel("j")))
+    again = replace(JOB, attempt=2)
+    station.say(*wire.encode(again))
+    assert link.next_work(5.0) == again and not link.cancelled("j")
     link.close()
 
 

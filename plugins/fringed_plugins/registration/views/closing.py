@@ -100,7 +100,7 @@ def _registered(
         if frozenset((i, j)) not in linked:
             wanted[i, j] = inverse(T_model_view[i]) @ T_model_view[j]
     for number, ((i, j), start) in enumerate(wanted.items()):
-        report(number / len(wanted), f"loops: view {j} to view {i}")
+        report(number / len(wanted), f"loops: view {j + 1} to view {i + 1}")
         found = register(surfaces[i], surfaces[j], replace(options, T_reference_model=start, search=""))
         if found.converged or (i, j) not in made:
             made[i, j] = found

@@ -35,8 +35,8 @@ class Edge:
 
     @property
     def name(self) -> str:
-        """The pair in words: `2-5`."""
-        return f"{self.i}-{self.j}"
+        """The pair as people count views, from 1: `3-6` joins views 2 and 5."""
+        return f"{self.i + 1}-{self.j + 1}"
 
 
 @dataclass(frozen=True)
