@@ -15,7 +15,8 @@ from fringed_plugins.registration.clouds import prepare_cloud
 from fringed_plugins.registration.meshing.sampling import sampled
 from fringed_plugins.registration.register import Options
 from fringed_plugins.registration.result import Alignment, Iteration, Report
-from fringed_plugins.registration.surface import Scan, Surface, prepare
+from fringed_plugins.registration.scan import Scan
+from fringed_plugins.registration.surface import Surface, prepare
 from fringed_plugins.registration.verify import Limits
 
 Row = tuple[float, float, float, float]

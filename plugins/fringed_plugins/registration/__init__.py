@@ -3,6 +3,7 @@
 Small parts that compose, so that a family of methods can share them:
 
     surface     range image -> decimated levels with normals, boundaries and noise
+    scan        what a registration needs of a view
     patches     a smooth quadratic patch for every pixel, with its curvatures
     starts      first guesses: principal axes, turns about the image's axes
     invariant   a coarse stage by place and principal curvatures

@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from fringed_plugins.registration.plane import MOST_TURN_RAD, jacobian, limited, motion, step
 from fringed_plugins.registration.result import Report
-from fringed_plugins.registration.surface import Level, Scan
+from fringed_plugins.registration.scan import Scan
+from fringed_plugins.registration.surface import Level
 from fringed_plugins.registration.transforms import FloatArray, rotation_angle
 
 Array = npt.NDArray[Any]

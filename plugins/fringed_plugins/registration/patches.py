@@ -41,34 +41,6 @@ class Patches:
     usable: BoolArray
     window_px: int
 
-    @classmethod
-    def later(cls, surface: Surface, windows_px: tuple[int, ...], steep_mm2: float = np.inf) -> Patches:
-        """Return patches that are built when they are first asked for: who wants the `sharp` ones does not wait.
-
-        Of the first window of `windows_px` that the surface is smooth over, else of the last one. Pixels whose
-        tangents' squares add up to more than `steep_mm2` keep their own points.
-
-        Raises
-        ------
-        ValueError
-            the last window is complete nowhere.
-        """
-        least = windows_px[-1]
-        if not (complete(healed(surface.xyz, surface.valid)[1], least) & surface.valid).any():
-            raise ValueError(
-                f"the {surface.name} has no complete window of {least} pixels: its valid region is too torn"
-            )
-        patches = object.__new__(cls)
-        patches.__dict__.update(surface=surface, _recipe=(windows_px, steep_mm2))
-        return patches
-
-    def __getattr__(self, name: str) -> Any:
-        """Build what `later` left out: only what an instance lacks is asked for here."""
-        if name not in {"table", "usable", "window_px"} or "_recipe" not in self.__dict__:
-            raise AttributeError(name)
-        self.__dict__.update(_built(self.surface, *self.__dict__["_recipe"]))
-        return self.__dict__[name]
-
     @property
     def gain(self) -> float:
         """The variance of a smoothed point in units of one point's."""
@@ -78,11 +50,6 @@ class Patches:
     def projection(self) -> FloatArray:
         """The matrix (3, 4) that takes points to (column, row)."""
         return fit_projection(self.surface)
-
-    @cached_property
-    def sharp(self) -> Patches:
-        """The patches of the same surface that err least, see `sharp`; computed once."""
-        return sharp(self.surface)
 
     @cached_property
     def errors(self) -> Array:
@@ -135,7 +102,7 @@ def patches(surface: Surface, window_px: int | None = None) -> Patches:
     ----------
     Savitzky & Golay 1964: least squares of a window are a convolution; Besl & Jain 1988 for range images.
     """
-    return Patches.later(surface, (window_px,) if window_px else WINDOWS_PX)
+    return _built(surface, (window_px,) if window_px else WINDOWS_PX)
 
 
 def sharp(surface: Surface) -> Patches:
@@ -152,19 +119,25 @@ def sharp(surface: Surface) -> Patches:
     """
     shaky = [window for window in WINDOWS_PX if slope_noise(surface, window) >= STEADY]  # the smallest ones
     windows = WINDOWS_PX[max(len(WINDOWS_PX) - len(shaky) - 1, 0) :]
-    return Patches.later(surface, windows, (STEEP**2 + 1) * surface.spacing_mm**2)
+    return _built(surface, windows, (STEEP**2 + 1) * surface.spacing_mm**2)
 
 
-def _built(surface: Surface, windows_px: tuple[int, ...], steep_mm2: float) -> dict[str, Any]:
+def _built(surface: Surface, windows_px: tuple[int, ...], steep_mm2: float = np.inf) -> Patches:
+    """Return the patches of the first window that the surface is smooth over, else of the last one."""
     whole, filled = healed(surface.xyz, surface.valid)
+    made: Patches | None = None
     for window in windows_px:
         usable = complete(filled, window) & surface.valid
         if not usable.any():
             continue
-        table = table_of(whole, usable, window, steep_mm2)
-        if window == windows_px[-1] or _smooth_over(surface, table, usable, window):
+        made = Patches(surface, table_of(whole, usable, window, steep_mm2), usable, window)
+        if _smooth_over(surface, made.table, usable, window):
             break
-    return {"table": table, "usable": usable, "window_px": window}
+    if made is None:
+        raise ValueError(
+            f"the {surface.name} has no complete window of {windows_px[-1]} pixels: its valid region is too torn"
+        )
+    return made
 
 
 def table_of(xyz: Array, usable: BoolArray, window_px: int, steep_mm2: float = np.inf) -> Array:

@@ -55,7 +55,8 @@ def refine(
     """Return the motion that brings `model` onto `reference`, from `T` (between their origins) on.
 
     Residuals are distances of the model's smoothed points to the reference's smooth patches, along the normal at
-    their foot: the curvature between samples is in the patch. Both sides are the `sharp` patches. At most
+    their foot: the curvature between samples is in the patch. Both sides are best
+    `patches.sharp` ones. At most
     `most_points` are moved until they are near; then every point tells.
 
     References
@@ -63,12 +64,11 @@ def refine(
     Chen & Medioni 1992; Pottmann et al. 2006: distances to the squared distance function's patches, so that the
     loop converges quadratically.
     """
-    fixed, moving = reference.sharp, model.sharp
     loop = _Loop(tell, iterations)
-    everything = int(moving.usable.sum())
+    everything = int(model.usable.sum())
     if everything > most_points:
-        T = loop.run(_Pairing(fixed, moving, most_points), T, NEAR)
-    both = _Pairing(fixed, moving, everything)
+        T = loop.run(_Pairing(reference, model, most_points), T, NEAR)
+    both = _Pairing(reference, model, everything)
     T = loop.run(both, T, STILL)
     covariance = None if loop.H is None else _covariance(loop.H, both.worth)
     rms = loop.history[-1].rms_mm if loop.history else float("nan")

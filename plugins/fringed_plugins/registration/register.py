@@ -16,8 +16,9 @@ from fringed_plugins.registration.icp import Settings, iterate
 from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
+from fringed_plugins.registration.scan import Scan
 from fringed_plugins.registration.starting import starts
-from fringed_plugins.registration.surface import Scan, Surface
+from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, checked, translation
 from fringed_plugins.registration.verify import Limits, Verdict, in_frame, verify
 
@@ -169,9 +170,9 @@ class _Medium:
             dense = self._on(wish.fine_points, reached.T_reference_model, closest, wish.limits)
             return replace(dense, history=reached.history + dense.history)
         self.report(0.85, "fine: patches")
-        fixed = self.reference.patches
+        fixed = self.reference.sharp
         self.report(0.9, "fine: patches")
-        moving = self.model.patches
+        moving = self.model.sharp
         start = reached.T_reference_model
         fine = refine(fixed, moving, start, self._tell, wish.fine_points, wish.fine_iterations)
         history = reached.history + fine.history

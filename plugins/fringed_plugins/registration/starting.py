@@ -15,8 +15,9 @@ from fringed_plugins.registration.coarse import ROUNDS, SHORT, Round, tournament
 from fringed_plugins.registration.guesses import GUESSERS
 from fringed_plugins.registration.invariant import Curved, curved, draw_near
 from fringed_plugins.registration.result import Report
+from fringed_plugins.registration.scan import Scan
 from fringed_plugins.registration.starts import principal_axes, turns
-from fringed_plugins.registration.surface import Scan, Surface
+from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray
 
 GUESS_POINTS = 2500

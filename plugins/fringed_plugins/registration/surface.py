@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -58,34 +58,6 @@ class Level:
         return self.points[self.interior], self.normals[self.interior], self.sigma_mm[self.interior]
 
 
-class Scan(Protocol):
-    """What a registration needs of a view, with a grid (`Surface`) or without (`clouds.CloudSurface`)."""
-
-    @property
-    def name(self) -> str:
-        """What messages call it."""
-        ...
-
-    @property
-    def origin(self) -> FloatArray:
-        """Where its levels' points are relative to."""
-        ...
-
-    @property
-    def spacing_mm(self) -> float:
-        """The distance of neighbours."""
-        ...
-
-    @property
-    def diagonal_mm(self) -> float:
-        """The extent."""
-        ...
-
-    def level(self, most_points: int) -> Level:
-        """Return at most about so many points with normals."""
-        ...
-
-
 @dataclass(frozen=True)
 class Surface:
     """One cleaned view: `xyz` (height, width, 3) float32 relative to `origin`, zero where not `valid`.
@@ -125,6 +97,13 @@ class Surface:
         from fringed_plugins.registration.patches import patches
 
         return patches(self.thinned(MOST_PATCHES))
+
+    @cached_property
+    def sharp(self) -> Patches:
+        """The same of the smallest windows that serve: what a motion is found with."""
+        from fringed_plugins.registration.patches import sharp
+
+        return sharp(self.thinned(MOST_PATCHES))
 
     def thinned(self, most_points: int) -> Surface:
         """Return the surface of block means that has at most about `most_points`, itself if it has no more."""

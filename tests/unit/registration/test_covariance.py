@@ -7,7 +7,7 @@ import closed_head
 import numpy as np
 import pytest
 
-from fringed_plugins.registration.patches import patches, sharp
+from fringed_plugins.registration.patches import sharp
 from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.surface import prepare
 from fringed_plugins.registration.transforms import translation
@@ -40,7 +40,7 @@ def repeated(views, noise_mm):
     truth = views[0].T_camera_object @ np.linalg.inv(views[1].T_camera_object)
     errors, stated = [], []
     for draw in range(DRAWS):
-        sides = [patches(prepare(noisy(view, noise_mm, 2 * draw + k))) for k, view in enumerate(views)]
+        sides = [sharp(prepare(noisy(view, noise_mm, 2 * draw + k))) for k, view in enumerate(views)]
         start = translation(-sides[0].surface.origin) @ truth @ translation(sides[1].surface.origin)
         made = refine(sides[0], sides[1], start, lambda _: None)
         assert made.settled and made.covariance is not None
@@ -79,7 +79,7 @@ def test_views_without_noise_state_what_windows_cut_off():
     """What remains is of the size that is stated: not ten times less or more."""
     views = heads(3.0, 30.0)
     truth = views[0].T_camera_object @ np.linalg.inv(views[1].T_camera_object)
-    sides = [patches(prepare(view.xyz_mm)) for view in views]
+    sides = [sharp(prepare(view.xyz_mm)) for view in views]
     start = translation(-sides[0].surface.origin) @ truth @ translation(sides[1].surface.origin)
     made = refine(sides[0], sides[1], start, lambda _: None)
     off = made.T_reference_model @ np.linalg.inv(start)

@@ -8,7 +8,7 @@ from analytic_relief import hand, head, pose, see
 
 from fringed_plugins.registration.invariant import curved, draw_near, principal
 from fringed_plugins.registration.patch_kernels import walk
-from fringed_plugins.registration.patches import curvature_noise, patches, quadratic
+from fringed_plugins.registration.patches import curvature_noise, patches, quadratic, sharp
 from fringed_plugins.registration.projective import refine
 from fringed_plugins.registration.surface import prepare
 from fringed_plugins.registration.transforms import rigid, rotation, rotation_angle, translation
@@ -122,7 +122,7 @@ def noisy(view, seed, noise_mm=0.08):
 
 def test_last_stage_converges_quadratically_from_two_resolutions(clean):
     reference, model, T = clean
-    sides = [patches(prepare(view.xyz_mm)) for view in (reference, model)]
+    sides = [sharp(prepare(view.xyz_mm)) for view in (reference, model)]
     truth = reference.T_camera_object @ np.linalg.inv(T)
     exact = translation(-sides[0].surface.origin) @ truth @ translation(sides[1].surface.origin)
     made = refine(sides[0], sides[1], rigid(rotation([0.01, -0.01, 0.02]), [1.5, -1.0, 2.0]) @ exact, lambda _: None)
@@ -135,7 +135,7 @@ def test_last_stage_converges_quadratically_from_two_resolutions(clean):
 def test_pixels_that_meet_in_their_corners_do_not_swing(shape):
     """Turned by 90 degrees about the axis: every foot lies on the edge of two patches, with noise of its own each."""
     seen = see(shape, noise_mm=0.1, seed=1), see(shape, pose((0, 0, 90)), noise_mm=0.1, seed=2)
-    sides = [patches(prepare(view.xyz_mm)) for view in seen]
+    sides = [sharp(prepare(view.xyz_mm)) for view in seen]
     truth = seen[0].T_camera_object @ np.linalg.inv(seen[1].T_camera_object)
     start = translation(-sides[0].surface.origin) @ truth @ translation(sides[1].surface.origin)
     made = refine(sides[0], sides[1], start, lambda _: None)
@@ -143,7 +143,7 @@ def test_pixels_that_meet_in_their_corners_do_not_swing(shape):
 
 
 def test_views_that_do_not_meet_settle_nowhere(clean):
-    sides = [patches(prepare(view.xyz_mm)) for view in clean[:2]]
+    sides = [sharp(prepare(view.xyz_mm)) for view in clean[:2]]
     made = refine(sides[0], sides[1], translation([500.0, 0, 0]), lambda _: None)
     assert not made.settled and made.covariance is None and "have a foot" in made.stopped
 

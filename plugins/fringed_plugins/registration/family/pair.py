@@ -13,8 +13,9 @@ from fringed_plugins.registration.family.method import Method, Outcome, align
 from fringed_plugins.registration.matching import ClosestPoint
 from fringed_plugins.registration.register import Options, require_same_units
 from fringed_plugins.registration.result import Alignment, Iteration, Report, silent
+from fringed_plugins.registration.scan import Scan
 from fringed_plugins.registration.starts import principal_axes
-from fringed_plugins.registration.surface import Scan, Surface
+from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, apply, checked, translation
 from fringed_plugins.registration.verify import Verdict, in_frame, still_to_go, verify
 
