@@ -30,12 +30,12 @@ def available() -> bool:
 class Xvfb:
     """A running X server without a screen; end it with `close` or as a context."""
 
-    def __init__(self, folder: Path, size_px: tuple[int, int] = (1024, 768)) -> None:
+    def __init__(self, folder: Path, size_px: tuple[int, int] = (1024, 768), depth: int = 24) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.size_px = size_px
         read, write = os.pipe()
         width, height = size_px
-        command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{width}x{height}x24"]
+        command = ["Xvfb", "-displayfd", str(write), "-screen", "0", f"{width}x{height}x{depth}"]
         command += ["-fbdir", str(folder), "-nolisten", "tcp", "-noreset"]
         with (folder / "log").open("wb") as log:
             self._process = subprocess.Popen(
@@ -44,7 +44,8 @@ class Xvfb:
         os.close(write)
         try:
             self.display = f":{_number(read, folder)}"
-            self._open(folder / "Xvfb_screen0")
+            if depth == 24:
+                self._open(folder / "Xvfb_screen0")
         except BaseException:
             self._end()
             raise

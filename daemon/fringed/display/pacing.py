@@ -19,6 +19,8 @@ TRIALS = 12
 LOCKED = 0.85
 """Length of the mean phase vector: 1 for perfect flips; times at random pass 12 trials once in 6,000."""
 DEEPEST = 2
+FASTEST = 2.5
+"""Flips that many times as frequent as the refresh that is told or assumed wait for none."""
 _GOLDEN = 0.6180339887
 
 
@@ -61,7 +63,7 @@ def measured(present: Callable[[], float], sleep: Callable[[float], None], nomin
     present()
     times = [present() for _ in range(BURST)]
     interval_s, jitter_s = intervals(times[2:])  # the first ones fill the driver's queue
-    if interval_s < nominal_s / 2:
+    if interval_s < nominal_s / FASTEST:
         return Pace(interval_s, jitter_s, -1)
     trials = [_trial(present, sleep, pause_s + DEEPEST * interval_s) for pause_s in pauses(interval_s)]
     for depth in range(DEEPEST + 1):

@@ -66,10 +66,26 @@ def chosen(screens: Sequence[Screen], wanted: int | str, size_px: tuple[int, int
         raise DeviceAbsent(
             f"display {screen.index} {screen.name!r} has a desktop of {size_text(screen.size_px)}; the patterns need "
             f"{size_text(size_px)}, the panel's own size, without scaling. All displays: {seen}. Set this mode and "
-            f"a scale of 1 (xrandr --output {screen.name} --mode {size_px[0]}x{size_px[1]} --scale 1x1), or choose "
+            f"a scale of 1 (xrandr --output OUTPUT --mode {size_px[0]}x{size_px[1]} --scale 1x1), or choose "
             "another one with projector.options.display, or correct projector.options.size_px"
         )
     return screen
+
+
+def require_8_bits(masks: Sequence[int], backend: str) -> None:
+    """Refuse a desktop whose channels have another depth than 8 bits: levels would be rounded.
+
+    Raises
+    ------
+    DeviceAbsent
+        with the depths that were seen.
+    """
+    bits = [mask.bit_count() for mask in masks[:3]]
+    if bits != [8, 8, 8]:
+        raise DeviceAbsent(
+            f"{backend} runs with {bits[0]}, {bits[1]} and {bits[2]} bits of red, green and blue; patterns need 8 of "
+            "each: set the colour depth to 24 (X: DefaultDepth 24 in the Screen section)"
+        )
 
 
 def connectors(folder: Path) -> tuple[Connector, ...]:

@@ -59,6 +59,7 @@ class Window:
         self._start()
         every = sdl.screens()
         screen = screens.chosen(every, self._setup.display, self._setup.size_px, self._backend)
+        screens.require_8_bits(pygame.display.Info().masks, self._backend)
         known = screens.connectors(Path(self._setup.drm_folder))
         self._connector = screens.watched(known, self._setup.connector, screen)
         warnings = list(screens.doubts(self._connector, self._setup.size_px, self._backend))
@@ -194,6 +195,11 @@ class Window:
         for event in pygame.event.get():
             if event.type in _LOST:
                 raise DeviceAbsent(f"{_LOST[event.type]}: no pattern is visible; it opens again by itself")
+            if event.type == pygame.WINDOWSIZECHANGED and (event.x, event.y) != tuple(self._setup.size_px):
+                wanted = screens.size_text(self._setup.size_px)
+                raise DeviceAbsent(
+                    f"the desktop made the window {event.x} x {event.y}; patterns need {wanted}: set the mode back"
+                )
         if now >= self._look_at_s:
             self._look_at_s = now + LOOK_S
             self._look()
