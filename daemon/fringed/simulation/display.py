@@ -54,13 +54,17 @@ class Display:
         `late_s` makes the light come later than that, without telling.
         """
         flip_s = (math.floor(self._clock.now() / self._frame_s + 1e-9) + 1) * self._frame_s
+        self.appear(picture, flip_s, late_s)
+        self._clock.sleep_until(flip_s)
+        return flip_s
+
+    def appear(self, picture: Picture, flip_s: float, late_s: float = 0.0) -> None:
+        """Know that a picture is handed to the panel at a flip: its light comes `latency_frames` and `late_s` later."""
         light_s = flip_s + self._latency_s
         switch = _Switch(light_s + late_s, light_s, light_s + self._settle_s, picture, seen=picture is self._first)
         with self._lock:
             kept = [old for old in self._switches if old.light_s < switch.light_s]
             self._switches = [*kept, switch][-_KEPT:]
-        self._clock.sleep_until(flip_s)
-        return flip_s
 
     def is_awaited(self, start_s: float) -> bool:
         """Tell whether somebody waits for a frame that starts then: its picture is told to have settled.
