@@ -27,6 +27,7 @@ from fringed.errors import FringedError, UsageError
 
 BITS_PER_BYTE = 10  # 8N1
 _FOREVER_S = 3600.0
+_ALONE_S = 0.01  # how often to look whether somebody has opened the other end
 
 
 class PacedPty:
@@ -38,56 +39,54 @@ class PacedPty:
         if self._speed is None:
             raise UsageError(f"a terminal has no rate of {baud} baud; use 9600, 19200, 38400, 57600 or 115200")
         self._byte_s = BITS_PER_BYTE / baud if pace else 0.0
-        self._fds: tuple[int, int] | None = None
+        self._fd, self._theirs = -1, ""
         self._due: deque[tuple[float, bytes]] = deque()
         self._free_s = 0.0
+        self._alone_until_s = 0.0
         self._cut = False
-
-    @property
-    def plugged(self) -> bool:
-        """Whether there is a terminal."""
-        return self._fds is not None
 
     def plug(self) -> str:
         """Make the terminal, point the link to it, and return its own name; raises UsageError for a taken path."""
-        if self._fds is None:
+        if self._fd < 0:
             if self._link.exists() and not self._link.is_symlink():
                 raise UsageError(f"{self._link} exists and is no link; choose another path for --pty")
-            ours, theirs = os.openpty()
-            self._fds = (ours, theirs)
+            self._fd, theirs = os.openpty()
+            self._theirs = os.ttyname(theirs)
             tty.setraw(theirs)
             modes = termios.tcgetattr(theirs)
             modes[4] = modes[5] = self._speed
             termios.tcsetattr(theirs, termios.TCSANOW, modes)
-            os.set_blocking(ours, False)
+            os.close(theirs)  # or this process would be the one that has the port open
+            os.set_blocking(self._fd, False)
             fresh = self._link.with_name(f".{self._link.name}.{os.getpid()}")
-            fresh.symlink_to(os.ttyname(theirs))
+            fresh.symlink_to(self._theirs)
             fresh.replace(self._link)
-        return os.ttyname(self._fds[1])
+        return self._theirs
 
     def unplug(self) -> None:
         """Take terminal and link away; harmless when there is none."""
-        if self._fds is not None:
+        if self._fd >= 0:
             self._link.unlink(missing_ok=True)
-            for fd in self._fds:
-                os.close(fd)
-        self._fds, self._cut = None, False
+            os.close(self._fd)
+        self._fd, self._cut = -1, False
         self._due.clear()
 
-    def fileno(self) -> int:
-        """Return what to wait for."""
-        return self._fds[0] if self._fds else -1
+    def waits_for(self) -> list[int]:
+        """Return the handle to wait for; none while nobody has the other end open, which would never wait."""
+        return [self._fd] if self._fd >= 0 and time.monotonic() >= self._alone_until_s else []
 
     def receive(self) -> bytes:
         """Return what has come, scrambled if it was sent at another rate."""
-        if self._fds is None:
-            return b""
         try:
-            data = os.read(self._fds[0], 4096)
-        except OSError:
+            data = os.read(self._fd, 4096) if self._fd >= 0 else b""
+        except BlockingIOError:
+            data = b""
+        except OSError:  # nobody has the other end open
+            data, self._alone_until_s = b"", time.monotonic() + _ALONE_S
+        if not data:
             return b""
         self._free_s = max(self._free_s, time.monotonic()) + len(data) * self._byte_s
-        if termios.tcgetattr(self._fds[0])[5] != self._speed:
+        if termios.tcgetattr(self._fd)[5] != self._speed:
             return bytes((byte >> 1 | 0xA0) & 0xFD for byte in data)
         return data
 
@@ -102,16 +101,18 @@ class PacedPty:
 
     def wait_s(self) -> float:
         """Return how long nothing has to be sent."""
-        return max(0.0, self._due[0][0] - time.monotonic()) if self._due else _FOREVER_S
+        due = [self._due[0][0]] if self._due else []
+        alone = [self._alone_until_s] if self._fd >= 0 and not self.waits_for() else []
+        return max(0.0, min(due + alone) - time.monotonic()) if due or alone else _FOREVER_S
 
     def send(self) -> bool:
         """Send what is due; return whether the cable has to come out now."""
         now, ready = time.monotonic(), bytearray()
         while self._due and self._due[0][0] <= now:
             ready += self._due.popleft()[1]
-        if ready and self._fds is not None:
-            with suppress(BlockingIOError):  # nobody reads: a serial line loses its bytes too
-                os.write(self._fds[0], ready)
+        if ready and self._fd >= 0:
+            with suppress(OSError):  # nobody reads: a serial line loses its bytes too
+                os.write(self._fd, ready)
         return self._cut and not self._due
 
 
@@ -135,11 +136,11 @@ class Process:
             self._line.unplug()
 
     def _step(self) -> None:
-        wanted = [fd for fd in (0 if self._listening else -1, self._line.fileno()) if fd >= 0]
-        ready, _, _ = select.select(wanted, [], [], min(self._line.wait_s(), _FOREVER_S))
+        wanted = [0] * self._listening + self._line.waits_for()
+        ready, _, _ = select.select(wanted, [], [], self._line.wait_s())
         if 0 in ready and self._listening:
             self._take_orders()
-        if self._line.plugged and self._line.fileno() in ready:
+        if set(ready) & set(self._line.waits_for()):
             for answer in self._camera.feed(self._line.receive()):
                 self._line.queue(answer)
         if self._line.send():

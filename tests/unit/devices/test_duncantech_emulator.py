@@ -15,6 +15,7 @@ from fringed.emulators.ms3100_camera import EmulatedMs3100
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled, ProtocolError, UsageError
 from fringed.protocols.duncantech import LINES, Dialect, GetOffset, SetGain, encode
 from fringed.protocols.duncantech_frames import Frame, checksum, decode_frame
+from fringed.transports.serial_port import SerialPort, SerialSettings
 
 UNVERIFIED = Dialect(unverified=True)
 
@@ -51,6 +52,24 @@ def test_settings_go_over_the_terminal_and_are_published(emulator: EmulatorProce
     assert state["ccds"]["red"]["gain"] == 300
     changes = [e["ccds"] for e in emulator.events if e["event"] == "settings"]
     assert [c["blue"]["lines"] for c in changes] == [64, 80, 80]
+
+
+def test_serial_port_of_the_house_finds_it_free_takes_it_and_comes_back(emulator: EmulatorProcess, link: Path) -> None:
+    port = SerialPort(str(link), SerialSettings(9600))
+    control = DuncanTechControl(port, ControlSettings(UNVERIFIED, reply_timeout_s=2.0))
+    try:
+        for lines in (700, 701):
+            control.open()
+            assert control.set_integration_lines("red", lines) == lines
+            emulator.order(do="unplug")
+            emulator.next("unplugged")
+            with pytest.raises(DeviceAbsent):
+                control.check()
+            emulator.order(do="plug")
+            emulator.next("plugged")
+    finally:
+        control.close()
+    assert emulator.state()["ccds"]["red"]["lines"] == 701
 
 
 def test_answers_take_as_long_as_their_bytes_at_9600_baud(emulator: EmulatorProcess, link: Path) -> None:
