@@ -269,6 +269,14 @@ class Projector(Protocol):
         """Show the idle picture."""
 
 
+@runtime_checkable
+class Watched(Protocol):
+    """A device that can tell, while it rests, whether it is still there; what a camera or projector may be too."""
+
+    def check(self) -> None:
+        """Return at once, within some 0.1 s, where it is; raises DeviceError where it has gone or failed."""
+
+
 @dataclass(frozen=True)
 class Driver:
     """How the daemon builds a device: `create(options, context)`; options are validated first."""

@@ -13,7 +13,7 @@ import numpy as np
 from fringed.acquisition.rig import Device, Rig, culprit
 from fringed.data import CameraSettings, PatternSequence
 from fringed.errors import DeviceError, DeviceStalled, FringedError, ProtocolError
-from fringed.hookspecs import RawFrame
+from fringed.hookspecs import RawFrame, Watched
 from fringed.messages import DeviceState
 
 SLICE_S = 0.15
@@ -46,6 +46,19 @@ class RigPort:
             self.camera.open()
         finally:
             self.projector.open()
+
+    def check(self) -> None:
+        """Ask both whether they are still there, those that can tell; what has gone becomes its state."""
+        for device, driver in ((self.camera, self.rig.camera), (self.projector, self.rig.projector)):
+            if not (device.is_open and isinstance(driver, Watched)):
+                continue
+            try:
+                with device.guarded("check"):
+                    driver.check()
+            except DeviceError as error:
+                self.failed(error)
+            except FringedError as error:
+                self.failed(DeviceError(f"the {device.which} does not answer: {error.message}"))
 
     def close(self) -> None:
         """Close both; harmless when closed."""

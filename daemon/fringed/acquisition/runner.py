@@ -37,6 +37,7 @@ from fringed.messages import Event, Preview
 
 log = logging.getLogger(__name__)
 TICK_S = 0.1
+CHECK_S = 0.4  # what was unplugged is shown within a second
 
 
 Job = AcquisitionRequest | LatencyRequest
@@ -62,7 +63,7 @@ class AcquisitionRunner:
         self._current: Job | None = None
         self._changed = threading.Condition()
         self._stopping = False
-        self._next_attempt_s = 0.0
+        self._next_attempt_s = self._next_check_s = 0.0
         self._next_preview_s = 0.0
         self._latency: LatencyResult | None = None
         self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
@@ -152,6 +153,9 @@ class AcquisitionRunner:
             self._reconnect_when_due()
 
     def _reconnect_when_due(self) -> None:
+        if time.monotonic() >= self._next_check_s:
+            self._next_check_s = time.monotonic() + CHECK_S
+            self._port.check()
         if self._port.is_open or time.monotonic() < self._next_attempt_s:
             return
         try:

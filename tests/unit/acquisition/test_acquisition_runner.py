@@ -239,6 +239,16 @@ def test_device_that_appears_is_opened_without_hands():
     assert said == ["CONNECTING", "ABSENT", "IDLE", "ABSENT"]  # each once, however often it was tried
 
 
+def test_device_that_is_pulled_while_nobody_scans_is_seen_to_be_gone_and_comes_back():
+    with Bench() as bench:
+        wait_for(lambda: ("projector", "IDLE") in bench.states)
+        bench.fake.present["projector"] = False
+        wait_for(lambda: bench.states[-1] == ("projector", "ABSENT"))
+        bench.fake.present["projector"] = True
+        wait_for(lambda: bench.states[-1] == ("projector", "IDLE"))
+        assert bench.scan() is None
+
+
 def wait_for(condition):
     deadline = time.monotonic() + 10
     while not condition():
