@@ -1,0 +1,178 @@
+"""The projector driver "hitachi": a HITACHI CP-X260's control, composed with any video output.
+
+Owns when the lamp, the input and the picture are checked; the output owns the patterns. Nothing of the protocol is
+confirmed on a CP-X260: see `fringed.protocols.hitachi_commands`.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Protocol
+
+from fringed.config import validate
+from fringed.data import PatternSequence
+from fringed.devices.projector.hitachi_control import HitachiControl
+from fringed.devices.projector.hitachi_options import HitachiOptions, control_of, transport_of
+from fringed.devices.projector.hitachi_power import Lamp
+from fringed.errors import ConfigurationError, DeviceError, Problem
+from fringed.hookspecs import Clock, Driver, Projector
+
+log = logging.getLogger(__name__)
+
+__all__ = ["HITACHI", "HitachiControl", "HitachiOptions", "HitachiProjector", "create"]
+
+
+class BuildContext(Protocol):
+    """What a driver is told beside its options."""
+
+    station: str
+    clock: Clock
+
+
+class HitachiProjector:
+    """A projector with a control line and a video output."""
+
+    def __init__(self, control: HitachiControl, output: Projector, clock: Clock, options: HitachiOptions) -> None:
+        self._control, self._output, self._clock, self._options = control, output, clock, options
+        self._checked_s: float | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether its video output is simulated."""
+        return self._output.simulated
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its panel."""
+        return self._output.size_px
+
+    @property
+    def control(self) -> HitachiControl:
+        """The lamp, the input and the rest, for whoever gets and sets them."""
+        return self._control
+
+    @property
+    def lamp_state(self) -> str:
+        """STANDBY, WARMING, ON or COOLING, as seen last; nothing before the first look."""
+        return self._control.lamp.value if self._control.lamp else ""
+
+    def open(self) -> str:
+        """Open line and output and return the identity. A lamp that is off is switched on, if the options say so.
+
+        Raises
+        ------
+        DeviceError
+            the lamp is not on yet, or not at all: it says how long that takes or what to do. Also where the
+            projector reports an error or its picture is not neutral.
+        """
+        lamp = self._control.open()
+        if lamp is Lamp.STANDBY and self._options.power_on:
+            self._control.power_on()
+        self._require_on()
+        self._control.select_input(self._options.input)
+        picture = self._output.open()
+        self._require_panel()
+        self._prepare()
+        hours = f"lamp {self._control.lamp_hours()} h, filter {self._control.filter_hours()} h"
+        return f"HITACHI projector at {self._control.name}, {hours}; {picture}"
+
+    def close(self) -> None:
+        """Close output and line; the lamp stays on."""
+        self._checked_s = None
+        try:
+            self._output.close()
+        finally:
+            self._control.close()
+
+    def load(self, sequence: PatternSequence, role: str) -> None:
+        """Prepare the patterns of one set; now and then, look at lamp and picture first. Raises DeviceError."""
+        if self._checked_s is None or self._clock.now() - self._checked_s >= self._options.recheck_s:
+            self._control.look()
+            self._require_on()
+            self._prepare()
+        self._output.load(sequence, role)
+
+    def show(self, index: int) -> float:
+        """Show pattern `index` and return the time of its flip."""
+        return self._output.show(index)
+
+    def idle(self) -> None:
+        """Show the output's idle picture."""
+        self._output.idle()
+
+    def poll(self) -> str:
+        """Keep the line alive while nothing is measured, and return the lamp's state.
+
+        Raises
+        ------
+        DeviceError
+            the line is gone, or the lamp is no longer on.
+        """
+        self._control.keep_alive(self._options.keep_alive_s)
+        self._require_on()
+        return self.lamp_state
+
+    def _require_on(self) -> None:
+        lamp = self._control.lamp
+        if lamp is Lamp.ON:
+            return
+        self._checked_s = None
+        todo = "; it is tried again by itself"
+        if lamp is Lamp.STANDBY:
+            todo = ": switch it on, or set projector.options.power_on = true"
+        raise DeviceError(self._control.state_text() + todo)
+
+    def _require_panel(self) -> None:
+        seen, panel = self._output.size_px, self._options.panel_px
+        if seen != panel:
+            raise DeviceError(
+                f"the video output has {seen[0]} x {seen[1]} pixels and the projector's panel {panel[0]} x {panel[1]}: "
+                "it would resample every pattern. Set the output to the panel's size, or correct "
+                "projector.options.panel_px"
+            )
+
+    def _prepare(self) -> None:
+        """Make sure that what the output shows is what the panel shows."""
+        error = self._control.error()
+        if error.stops:
+            raise DeviceError(f"{self._control.name} reports an error: {error.text}. Mend that first")
+        if error.code:
+            log.warning("%s works, and reports: %s", self._control.name, error.text)
+        self._control.blank(False)
+        self._control.freeze(False)
+        if self._options.check_picture:
+            self._require_neutral()
+        self._checked_s = self._clock.now()
+
+    def _require_neutral(self) -> None:
+        problems = self._control.picture.problems()
+        if problems and self._options.reset_picture:
+            log.warning("%s: the picture is reset: %s", self._control.name, "; ".join(problems))
+            self._control.picture.reset()
+        elif problems:
+            self._control.picture.require()
+
+
+def create(options: HitachiOptions, context: BuildContext) -> HitachiProjector:
+    """Build the driver; nothing is opened. Raises ConfigurationError."""
+    control = control_of(options, transport_of(options), context.clock)
+    return HitachiProjector(control, _output(options, context), context.clock, options)
+
+
+def _output(options: HitachiOptions, context: BuildContext) -> Projector:
+    from fringed.devices.building import built_in
+
+    driver = built_in("projector", options.output_driver)
+    if driver is None or driver is HITACHI:
+        problem = Problem("projector.options.output_driver", repr(options.output_driver), "a video output: 'window'")
+        raise ConfigurationError("1 problem:", (problem,))
+    output: Projector = driver.create(validate(options.output, driver.Options, "projector.options.output"), context)
+    return output
+
+
+HITACHI = Driver(
+    "hitachi",
+    HitachiOptions,
+    create,
+    "HITACHI CP-X260 and its siblings by RS-232C or TCP, with any video output; bytes verified on siblings only",
+)
