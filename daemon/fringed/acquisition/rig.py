@@ -94,14 +94,15 @@ class Device:
         reason = self.detail
         check_transition(self.which, self.state, "CONNECTING")
         self.state, self.detail = "CONNECTING", ""
-        if not self._tried:  # an absent device is tried again and again: say it once
+        first = not self._tried  # an absent device is tried again and again: say it once
+        if first:
             self._report(self.which, self.snapshot())
         self._tried = True
         try:
             with self.guarded("open"):
                 self.identity = self._opened()
         except DeviceError as error:
-            changed = error.message != reason
+            changed = first or error.message != reason
             self.state, self.detail = "ABSENT" if isinstance(error, DeviceAbsent) else "FAULT", error.message
             self._shut()
             if changed:
