@@ -79,6 +79,7 @@ class WindowProjector:
         self._options, self._station = options, station
         self._process: DisplayProcess | None = None
         self._count = 0
+        self._gone = ""  # why, since it was open last
         self.ready: Ready | None = None
 
     @property
@@ -110,14 +111,14 @@ class WindowProjector:
         except BaseException as error:
             process.kill() if isinstance(error, DeviceStalled) else process.end()
             raise
-        self._process = process
+        self._process, self._gone = process, ""
         for warning in self.ready.warnings:
             logging.getLogger(__name__).warning("projector window: %s", warning)
         return self._identity()
 
     def close(self) -> None:
         """Close the window; harmless when closed."""
-        process, self._process, self._count = self._process, None, 0
+        process, self._process, self._count, self._gone = self._process, None, 0, ""
         if process is not None:
             process.end()
 
@@ -169,15 +170,16 @@ class WindowProjector:
     def _do(self, what: Any) -> Any:
         """Do something with the process; one that failed is ended, so that the next `open` starts afresh."""
         if self._process is None:
-            raise DeviceAbsent("the projector's window is closed: open it")
+            raise DeviceAbsent(self._gone or "the projector's window is closed: open it")
         try:
             return what(self._process)
         except (DeviceStalled, ProtocolError):
             process, self._process, self._count = self._process, None, 0
             process.kill()
             raise
-        except DeviceAbsent:
+        except DeviceAbsent as error:
             self.close()
+            self._gone = error.message
             raise
 
     def _identity(self) -> str:
