@@ -1,1 +1,1 @@
-"""The commands of `fringed`: run, check, show, plugins, doctor, keys."""
+"""The commands of `fringed`: run, check, show, plugins, doctor, devices, install-service, keys."""

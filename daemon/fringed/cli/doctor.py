@@ -1,11 +1,10 @@
 """`fringed doctor`: what this machine lacks, and what to do about it.
 
-Owns the list of checks; each yields findings and changes nothing.
+Owns the list of checks; each yields findings and changes nothing. Devices, displays and the service have their own.
 """
 
 from __future__ import annotations
 
-import grp
 import importlib.metadata
 import importlib.util
 import json
@@ -13,17 +12,21 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
 
 import click
 
 from fringed.cli.configuration import configuration
+from fringed.cli.doctor_devices import device_findings
+from fringed.cli.doctor_displays import display_findings
+from fringed.cli.doctor_findings import Finding, Findings
+from fringed.cli.doctor_service import service_findings
 from fringed.config import StationConfig
 from fringed.config.paths import data_dir, runtime_dir
 from fringed.errors import EXIT_FAILURE, EXIT_OK, FringedError
+from fringed.finding import this_machine
 
 MODULES = (
     "numpy",
@@ -40,30 +43,20 @@ MODULES = (
     "matplotlib",
 )
 DEVICE_MODULES = {"pygame": "the projector's window", "serial": "serial ports", "usb": "USB cameras"}
+PANEL_PX = (1024, 768)
 SET_MB = 17.4
 _ROOM_MB, _SHM_MB = 2000.0, 64.0
 _COLOURS = {"ok": "green", "warn": "yellow", "fail": "red"}
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One line: what was looked at, how it is, and what to do."""
-
-    level: Literal["ok", "warn", "fail"]
-    what: str
-    found: str
-    do: str = ""
-
-
-Findings = Iterator[Finding]
-
-
 def examine(path: Path | None, as_json: bool) -> int:
     """Print every finding; return failure where one failed."""
     config = configuration(path)
+    machine = this_machine()
     checks: tuple[Callable[[], Findings], ...] = (
         _python, _packages, lambda: _data(config), lambda: _runtime(config), _shared_memory, _cores, _numba_cache,
-        _serial, _displays, _folders,
+        lambda: device_findings(machine), lambda: display_findings(machine, _panel(config)),
+        lambda: service_findings(machine), _folders,
     )  # fmt: skip
     found = [finding for check in checks for finding in check()]
     if as_json:
@@ -163,29 +156,13 @@ def _numba_cache() -> Findings:
         yield Finding("warn", "numba cache", f"{folder}: not writable", do)
 
 
-def _serial() -> Findings:
-    ports = sorted(str(path) for pattern in ("ttyUSB*", "ttyACM*", "ttyS[0-3]") for path in Path("/dev").glob(pattern))
-    usable = [port for port in ports if os.access(port, os.R_OK | os.W_OK)]
-    if ports and not usable:
-        groups = {grp.getgrgid(gid).gr_name for gid in os.getgroups() if _group(gid)}
-        do = "" if "dialout" in groups else "sudo usermod -aG dialout $USER, then log in again"
-        yield Finding("warn", "serial ports", f"{', '.join(ports)}: not usable by this user", do)
-    else:
-        yield Finding("ok", "serial ports", ", ".join(usable) or "none; a simulated rig needs none")
-
-
-def _group(gid: int) -> bool:
-    try:
-        grp.getgrgid(gid)
-    except KeyError:
-        return False
-    return True
-
-
-def _displays() -> Findings:
-    shown = [f"{name}={os.environ[name]}" for name in ("DISPLAY", "WAYLAND_DISPLAY") if os.environ.get(name)]
-    cards = sorted(str(path) for path in Path("/dev/dri").glob("card*")) if Path("/dev/dri").is_dir() else []
-    yield Finding("ok", "displays", ", ".join([*shown, *cards]) or "none; a simulated rig needs none")
+def _panel(config: StationConfig) -> tuple[int, int]:
+    """Return width and height of the patterns: the driver's option, or the CP-X260's panel."""
+    match config.projector.options.get("size_px"):
+        case [int(width), int(height)]:
+            return width, height
+        case _:
+            return PANEL_PX
 
 
 def _folders() -> Findings:

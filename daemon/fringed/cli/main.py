@@ -28,6 +28,13 @@ _SET = click.option(
     help="Change one setting, such as workers.count=1; the value as TOML, or text. May be repeated.",
 )  # fmt: skip
 _JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+_LOOK = click.option(
+    "--root", type=click.Path(path_type=Path), metavar="DIR", help="Look at a copy of a machine's sys, dev and proc."
+)
+_ROOT = click.option(
+    "--root", type=click.Path(path_type=Path), metavar="DIR",
+    help="Install below DIR instead of /; no command is run. For packages and images.",
+)  # fmt: skip
 
 
 @click.group(epilog=EXIT_CODES, context_settings={"help_option_names": ["-h", "--help"]})
@@ -103,6 +110,51 @@ def doctor(config: Path | None, as_json: bool) -> None:
     from fringed.cli.doctor import examine
 
     sys.exit(examine(config, as_json))
+
+
+@cli.command()
+@_JSON
+@_LOOK
+def devices(as_json: bool, root: Path | None) -> None:
+    """List serial ports, displays and cameras, with names and ids that stay."""
+    from fringed.cli.devices import list_devices
+
+    sys.exit(list_devices(root, as_json))
+
+
+@cli.command("install-service")
+@click.option("--yes", is_flag=True, help="Write and run; without it, only say what would be.")
+@click.option("--force", is_flag=True, help="Overwrite files that somebody changed.")
+@_ROOT
+@click.option("--projector", metavar="ID", help="Id of the projector's adapter, for /dev/fringed/projector.")
+@click.option("--camera", metavar="ID", help="Id of the camera or its adapter, for /dev/fringed/camera.")
+@click.option(
+    "--program", type=click.Path(path_type=Path), metavar="FILE", help="The fringed to start. Without it: this one."
+)
+@click.option(
+    "--config", type=click.Path(path_type=Path), default=Path("/etc/fringed/station.toml"), show_default=True,
+    metavar="FILE", help="The station's configuration; one without devices is written where there is none.",
+)  # fmt: skip
+def install_service(
+    *, yes: bool, force: bool, root: Path | None, projector: str | None, camera: str | None, program: Path | None,
+    config: Path,
+) -> None:  # fmt: skip
+    """Install the station as a service: unit, user, device rules. A dry run without --yes."""
+    from fringed.cli.install_service import install
+
+    ids = {role: name for role, name in (("projector", projector), ("camera", camera)) if name is not None}
+    sys.exit(install(root, ids, program, config, yes=yes, force=force))
+
+
+@cli.command("uninstall-service")
+@click.option("--yes", is_flag=True, help="Remove and run; without it, only say what would be.")
+@click.option("--force", is_flag=True, help="Remove files that somebody changed.")
+@_ROOT
+def uninstall_service(yes: bool, force: bool, root: Path | None) -> None:
+    """Remove what install-service installed; recordings and configuration stay. A dry run without --yes."""
+    from fringed.cli.install_service import uninstall
+
+    sys.exit(uninstall(root, yes=yes, force=force))
 
 
 @cli.group()

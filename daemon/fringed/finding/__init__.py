@@ -4,14 +4,15 @@ Owns reading /sys, /dev, /proc and /etc below a root folder, which tests replace
 and changes nothing.
 """
 
-from fringed.finding.access import Access, Holder, User, access, current_user, holders
 from fringed.finding.cameras import FoundCamera, cameras
 from fringed.finding.displays import Connector, connectors
 from fringed.finding.installed import Installed, installed
+from fringed.finding.machine import Machine, this_machine
+from fringed.finding.permissions import Access, Holder, User, access, current_user, holders
 from fringed.finding.ports import SerialPort, serial_ports
 from fringed.finding.usb import UsbDevice, usb_devices
 
 __all__ = [
-    "Access", "Connector", "FoundCamera", "Holder", "Installed", "SerialPort", "UsbDevice", "User", "access", "cameras",
-    "connectors", "current_user", "holders", "installed", "serial_ports", "usb_devices",
+    "Access", "Connector", "FoundCamera", "Holder", "Installed", "Machine", "SerialPort", "UsbDevice", "User", "access",
+    "cameras", "connectors", "current_user", "holders", "installed", "serial_ports", "this_machine", "usb_devices",
 ]  # fmt: skip

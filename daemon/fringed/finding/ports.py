@@ -32,6 +32,16 @@ class SerialPort:
     links: tuple[str, ...] = ()
 
     @property
+    def setting(self) -> str:
+        """The port in a configuration: the notation that the drivers of serial devices take."""
+        if self.usb is None:
+            return self.node
+        several = self.id.endswith(f"-if{self.interface}")
+        if several:
+            return f"usb:location={self.usb.port}:1.{int(self.interface or '0', 16)}"
+        return f"usb:location={self.usb.port}" if self.by_port else f"usb:serial={self.usb.serial}"
+
+    @property
     def stable(self) -> str:
         """A name that stays when other devices come and go; the node where none does."""
         return self.links[0] if self.links else self.node
