@@ -6,8 +6,10 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,7 +18,7 @@ from fringed.config import validate
 from fringed.data import PatternFrame, PatternSequence
 from fringed.devices.building import DriverContext
 from fringed.devices.camera.base import MachineClock
-from fringed.devices.projector.window import WINDOW, WindowOptions, WindowProjector
+from fringed.devices.projector.window import WINDOW, WindowOptions, WindowProjector, displays, environment_of
 from fringed.display.picture import BRIGHT, DIM, grid
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled
 from fringed.hookspecs import ProjectorTarget
@@ -194,6 +196,54 @@ def test_a_display_that_does_not_exist_is_named(station_cable):
         window(station_cable, display="HDMI-7").open()
 
 
+def test_the_displays_are_listed_for_whoever_asks(station_cable, tmp_path):
+    options = WindowOptions(x_display=station_cable.display)
+    found = displays(options)
+    assert (found.backend, found.problem) == ("x11", "")
+    assert [(one.index, one.size_px) for one in found.displays] == [(0, SIZE)]
+    assert "no X server answers" in displays(WindowOptions(x_display=":987")).problem
+    command = [sys.executable, "-m", "fringed.display", "--list", "x11"]
+    ran = subprocess.run(command, env=environment_of(options), capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith(f"backend x11\ndisplay 0 '{found.displays[0].name}' 1024 x 768, ")
+    assert subprocess.run(command[:3], capture_output=True, text=True, check=False).stderr.startswith("usage")
+
+
+LOCKED = """
+import os, sys
+import msgspec, numpy as np
+from fringed.display import pacing
+from fringed.display.environment import ENVIRONMENT
+from fringed.display.messages import Setup
+os.environ.update(ENVIRONMENT)
+pacing.measured = lambda *_: pacing.Pace(1 / 60, 0.0, int(sys.argv[3]))  # as if there were a refresh
+from fringed.display.window import Window
+window = Window(msgspec.json.decode(sys.argv[1], type=Setup))
+print(window.open().renderer, flush=True)
+window.load(list(np.load(sys.argv[2]).values()))
+for index in map(int, sys.stdin):
+    print(window.show(index), flush=True)
+window.close()
+"""
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_the_way_through_the_graphics_card_is_exact_too(station_cable, tmp_path, depth):
+    """The way of a display with a refresh, which Xvfb lacks: taken here as if it had one."""
+    patterns = [np.random.default_rng(k).integers(0, 256, (1, WIDTH, 3)).astype(np.uint8) for k in range(6)]
+    np.savez(tmp_path / "patterns.npz", *patterns)
+    options = WindowOptions(x_display=station_cable.display, backend="x11")
+    setup = msgspec.json.encode(WindowProjector(options).setup()).decode()
+    command = [sys.executable, "-c", LOCKED, setup, str(tmp_path / "patterns.npz"), str(depth)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1}
+    with subprocess.Popen(command, env=environment_of(options), **pipes) as process:
+        assert process.stdout.readline().strip() not in ("", "copy")
+        for index, pattern in enumerate(patterns):
+            process.stdin.write(f"{index}\n")
+            assert float(process.stdout.readline()) > 0
+            assert wait(partial(scanned_out, station_cable, full(pattern)))
+        process.stdin.close()
+
+
 def test_no_x_server_says_what_to_set():
     with pytest.raises(DeviceAbsent, match=r"DISPLAY=':987'.*x_display"):
         WindowProjector(WindowOptions(x_display=":987", backend="x11")).open()
@@ -207,6 +257,10 @@ def wait(reached, look=lambda: None, patience_s=30):
         look()
         time.sleep(0.02)
     return False
+
+
+def scanned_out(cable, wanted):
+    return np.array_equal(cable.picture(), wanted)
 
 
 def lost(projector):

@@ -1,6 +1,6 @@
-"""`python -m fringed.display SETUP`: the display process, started by the projector driver "window".
+"""`python -m fringed.display`: the display process, started by the projector driver "window".
 
-Owns the process: its end together with the daemon's, its socket (descriptor 3 or as told), its loop. Standard input
+Owns the process: its end together with the daemon's, its socket, its loop. Standard input
 is the lifeline: the daemon holds the other end of that pipe and never writes; when it closes, the kernel kills.
 """
 
@@ -18,6 +18,7 @@ from typing import Any
 
 import msgspec
 
+from fringed.display import listing
 from fringed.display.environment import ENVIRONMENT
 from fringed.display.messages import Decoder, Done, Gone, Idle, Load, Ping, Quit, Ready, Refused, Setup, Show
 from fringed.display.messages import encode as framed
@@ -101,7 +102,12 @@ class Loop:
 
 
 def main(argv: list[str]) -> int:
-    """Run; `argv` is the socket's descriptor and the `Setup` as JSON."""
+    """Run; `argv` is the socket's descriptor and the `Setup` as JSON. `--list` tells what displays there are."""
+    if argv[:1] == ["--list"]:
+        return listing.main(argv[1:])
+    if len(argv) != 2:
+        sys.stderr.write("usage: python -m fringed.display --list [BACKEND] [--json]; the daemon starts it otherwise\n")
+        return 2
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the daemon's affair
     link = socket.socket(fileno=int(argv[0]))
     setup = msgspec.json.decode(argv[1], type=Setup)

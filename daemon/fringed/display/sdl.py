@@ -1,18 +1,21 @@
-"""SDL, as far as pygame does not hand it on: the names of displays, waiting for the refresh.
+"""SDL, as far as pygame does not hand it on: names of displays, waiting for the refresh.
 
-Owns the calls by ctypes; they go to the library that pygame has loaded, and to none where it cannot be found.
+Owns start and end, and the calls by ctypes; these go to the library that pygame has loaded, and to none where it
+cannot be found.
 """
 
 from __future__ import annotations
 
 import ctypes
+import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import pygame
 
-from fringed.display.screens import Screen
+from fringed.display.screens import Screen, hints
+from fringed.errors import DeviceAbsent
 
 
 @lru_cache(maxsize=1)
@@ -27,6 +30,26 @@ def _library() -> Any:
             library.SDL_GL_SetSwapInterval.argtypes = [ctypes.c_int]
             return library
     return None
+
+
+def start(backend: str) -> None:
+    """Start SDL with the backend that SDL_VIDEODRIVER names.
+
+    Raises
+    ------
+    DeviceAbsent
+        it cannot be used here: what is missing, and what to do.
+    """
+    try:
+        pygame.display.init()
+        pygame.font.init()
+    except pygame.error as error:
+        raise DeviceAbsent(f"SDL cannot use {backend} ({error}): {hints(backend, os.environ)}") from error
+
+
+def stop() -> None:
+    """End it; harmless when ended."""
+    pygame.quit()
 
 
 def _name(index: int) -> str:

@@ -102,12 +102,7 @@ class Window:
     def _start(self) -> None:
         self._backend = environment.backend(self._setup.backend, os.environ)
         os.environ.update(environment.PLAIN.get(self._backend, {}), SDL_VIDEODRIVER=self._backend)
-        try:
-            pygame.display.init()
-            pygame.font.init()
-        except pygame.error as error:
-            hint = screens.hints(self._backend, os.environ)
-            raise DeviceAbsent(f"SDL cannot use {self._backend} ({error}): {hint}") from error
+        sdl.start(self._backend)
         self._backend = pygame.display.get_driver().lower()
 
     def _cover(self, plain: bool = False) -> None:
@@ -195,11 +190,6 @@ class Window:
         for event in pygame.event.get():
             if event.type in _LOST:
                 raise DeviceAbsent(f"{_LOST[event.type]}: no pattern is visible; it opens again by itself")
-            if event.type == pygame.WINDOWSIZECHANGED and (event.x, event.y) != tuple(self._setup.size_px):
-                wanted = screens.size_text(self._setup.size_px)
-                raise DeviceAbsent(
-                    f"the desktop made the window {event.x} x {event.y}; patterns need {wanted}: set the mode back"
-                )
         if now >= self._look_at_s:
             self._look_at_s = now + LOOK_S
             self._look()
@@ -213,6 +203,12 @@ class Window:
         if not found or found[0].size_px != self._screen.size_px:
             seen = "; ".join(str(one) for one in every) or "none"
             raise DeviceAbsent(f"display {self._screen} is no longer there; now: {seen}. Plug it in again")
+        size = tuple(pygame.display.get_window_size())
+        if size != tuple(self._setup.size_px):
+            raise DeviceAbsent(
+                f"the desktop made the window {screens.size_text(size)}; patterns need "
+                f"{screens.size_text(self._setup.size_px)}: set the display's mode back"
+            )
         if self._connector is not None:
             folder = Path(self._setup.drm_folder) / self._connector.name
             if not screens.is_connected(folder):
@@ -221,7 +217,7 @@ class Window:
     def close(self) -> None:
         """Close it; harmless when closed."""
         self._surface = None
-        pygame.quit()
+        sdl.stop()
 
 
 def _lines(text: str) -> list[Array8]:

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import logging
 import os
+import subprocess
+import sys
 from typing import Annotated, Any, Literal, Protocol
 
+import msgspec
 from msgspec import Meta
 
 from fringed.data import PatternSequence
 from fringed.devices.projector.window_process import DisplayProcess
+from fringed.display.listing import Listing
 from fringed.display.messages import Backend, Command, Idle, Ping, Ready, Setup, Show
 from fringed.display.patterns import packed
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled, ProtocolError
@@ -105,7 +109,7 @@ class WindowProjector:
         if self._process is not None:
             self.look()
             return self._identity()
-        process = DisplayProcess(self._setup(), self._environment())
+        process = DisplayProcess(self.setup(), environment_of(self._options))
         try:
             self.ready = process.ready(self._options.open_timeout_s)
         except BaseException as error:
@@ -193,7 +197,8 @@ class WindowProjector:
         width, height = self.size_px
         return f"display {ready.display} {ready.name!r}{plug}, {width} x {height}, {ready.backend}, {pace}"
 
-    def _setup(self) -> Setup:
+    def setup(self) -> Setup:
+        """Return what the display process is told."""
         options = self._options
         return Setup(
             display=options.display, size_px=options.size_px, backend=options.backend, assumed_hz=options.assumed_hz,
@@ -202,15 +207,42 @@ class WindowProjector:
             vsync_required=options.vsync == "required", parent=os.getpid(),
         )  # fmt: skip
 
-    def _environment(self) -> dict[str, str]:
-        environment = dict(os.environ)
-        if self._options.x_display:
-            environment["DISPLAY"] = self._options.x_display
-            if self._options.backend == "auto":
-                environment.pop("WAYLAND_DISPLAY", None)
-        if self._options.x_authority:
-            environment["XAUTHORITY"] = self._options.x_authority
-        return environment
+
+def environment_of(options: WindowOptions) -> dict[str, str]:
+    """Return the environment of a display process: this one's, with the X server that the options name."""
+    environment = dict(os.environ)
+    if options.x_display:
+        environment["DISPLAY"] = options.x_display
+        if options.backend == "auto":
+            environment.pop("WAYLAND_DISPLAY", None)
+    if options.x_authority:
+        environment["XAUTHORITY"] = options.x_authority
+    return environment
+
+
+def displays(options: WindowOptions | None = None, timeout_s: float = 20.0) -> Listing:
+    """Return the displays and connectors that there are; a `problem` says why there are none.
+
+    Raises
+    ------
+    DeviceError
+        nothing came within `timeout_s`, or nothing that can be understood.
+    """
+    options = options or WindowOptions()
+    command = [sys.executable, "-m", "fringed.display", "--list", options.backend, "--json"]
+    environment = environment_of(options)
+    try:
+        ran = subprocess.run(
+            command, env=environment, capture_output=True, timeout=timeout_s, stdin=subprocess.DEVNULL, check=False
+        )
+        return msgspec.json.decode(ran.stdout, type=Listing)
+    except subprocess.TimeoutExpired as error:
+        raise DeviceStalled(
+            f"the displays were not told within {timeout_s:g} s; look at the graphics driver"
+        ) from error
+    except msgspec.MsgspecError as error:
+        said = ran.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["nothing"]
+        raise DeviceError(f"the displays cannot be told: {error}; the display process said: {said[0]}") from error
 
 
 def _create(options: WindowOptions, context: DriverContext) -> WindowProjector:
