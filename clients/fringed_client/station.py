@@ -119,6 +119,15 @@ class Station:
         state: StationState = self.request("status")
         return state
 
+    def device_settings(self, device: str, timeout_s: float = 30.0) -> list[dict[str, Any]]:
+        """Return the own settings of "camera" or "projector", asked now: name, value, unit, limits."""
+        return list(self.request("device.get", timeout_s=timeout_s, device=device)["settings"])
+
+    def set_device(self, device: str, name: str, value: Any, timeout_s: float = 60.0) -> list[dict[str, Any]]:
+        """Set one of them and return all; raises UsageError for what it does not allow."""
+        answer = self.request("device.set", timeout_s=timeout_s, device=device, name=name, value=value)
+        return list(answer["settings"])
+
     def config(self) -> dict[str, Any]:
         """Return the configuration in force, every default written out."""
         return dict(self.request("config"))

@@ -16,6 +16,7 @@ import zmq
 
 from fringed import wire
 from fringed.acquisition import AcquisitionRequest, AcquisitionRunner
+from fringed.acquisition.adjusting import SettingsRequest
 from fringed.assembly import making
 from fringed.assembly.adopting import Adopter
 from fringed.assembly.life import Parts, RunningStation
@@ -38,6 +39,7 @@ from fringed.serving.sockets import Remote, Sockets
 from fringed.serving.status import Status
 from fringed.serving.stream import Stream
 from fringed.serving.verbs_calibration import CalibrationVerbs
+from fringed.serving.verbs_devices import DeviceVerbs
 from fringed.serving.verbs_patterns import PatternVerbs
 from fringed.serving.verbs_records import RecordVerbs
 from fringed.serving.verbs_scans import ScanVerbs
@@ -132,6 +134,7 @@ def _station(
         **RecordVerbs(house, making.SOFTWARE).table(),
         **CalibrationVerbs(house, leases, adopter, running.put_in_force).table(),
         **PatternVerbs(house, scans.sequences, link).table(),
+        **DeviceVerbs(house, leases, lambda *asked: link.settings(SettingsRequest(*asked))).table(),
     }
     control = Control(house.reactor, sockets.control, verbs)
     gauges.add("control", control.counters)

@@ -278,6 +278,37 @@ class Watched(Protocol):
 
 
 @dataclass(frozen=True)
+class Setting:
+    """Something of a device that can be read, and set where `writable`: its value now, its unit and limits.
+
+    `choices` are the values allowed, where they are few. `verified` is false where nobody has confirmed on this model
+    what is read or written.
+    """
+
+    name: str
+    value: bool | int | float | str | None
+    unit: str = ""
+    least: float | None = None
+    most: float | None = None
+    choices: tuple[str, ...] = ()
+    writable: bool = True
+    verified: bool = True
+    help: str = ""
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """A device with settings of its own beside those of a scan; what a camera or projector may be too."""
+
+    def settings(self) -> Sequence[Setting]:
+        """Ask the device for all of them; raises DeviceError."""
+        ...
+
+    def adjust(self, name: str, value: bool | float | str) -> None:
+        """Set one, checked against its limits before; raises DeviceError, or UsageError where it cannot be now."""
+
+
+@dataclass(frozen=True)
 class Driver:
     """How the daemon builds a device: `create(options, context)`; options are validated first."""
 

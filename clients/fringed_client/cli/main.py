@@ -36,6 +36,7 @@ COMMANDS = {
     "patterns": ("patterns", "Show what would be projected; find the best frequencies."),
     "demo": ("demo", "Calibrate a simulated rig, scan a face and a mould, and report."),
     "lease": ("operate", "Hold the rig, show or break a lease."),
+    "device": ("device", "Read, set and watch a device's own settings."),
     "quarantine": ("operate", "Show or clear what is not tried again."),
     "plugins": ("operate", "List the station's plug-ins, and what is broken."),
     "simulated": ("operate", "Order scenes and faults of a simulated rig."),

@@ -14,6 +14,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Literal
 
+from fringed.acquisition.adjusting import SettingsRequest, answered
 from fringed.acquisition.calibrating import LatencyCalibration
 from fringed.acquisition.latency import LatencyResult
 from fringed.acquisition.listener import (
@@ -25,7 +26,7 @@ from fringed.acquisition.listener import (
     small_picture,
 )
 from fringed.acquisition.port import RigPort
-from fringed.acquisition.rig import Rig, Station
+from fringed.acquisition.rig import Rig, Station, culprit
 from fringed.acquisition.sampling import full_scale
 from fringed.acquisition.sequencer import Timing
 from fringed.acquisition.shots import check_channels, checks_of
@@ -40,7 +41,7 @@ TICK_S = 0.1
 CHECK_S = 0.4  # what was unplugged is shown within a second
 
 
-Job = AcquisitionRequest | LatencyRequest
+Job = AcquisitionRequest | LatencyRequest | SettingsRequest
 
 
 class AcquisitionRunner:
@@ -81,6 +82,10 @@ class AcquisitionRunner:
     def calibrate_latency(self, scan: str, settings: CameraSettings) -> None:
         """Queue a measurement of the delay from flip to light; told as the event latency.measured."""
         self._queue(LatencyRequest(scan, settings))
+
+    def settings(self, request: SettingsRequest) -> None:
+        """Queue a question to a device; it is answered between two scans."""
+        self._queue(request)
 
     def cancel(self, scan: str) -> None:
         """Stop a scan that is queued or running; harmless for any other."""
@@ -136,7 +141,10 @@ class AcquisitionRunner:
             self._current = None
             self._jobs.clear()
         for job in jobs:
-            self._tell_failed(job.scan, error)
+            if isinstance(job, SettingsRequest):
+                job.failed(error)
+            else:
+                self._tell_failed(job.scan, error)
 
     def _next_job(self) -> Job | None:
         """Wait for work, opening devices meanwhile; None when it is time to stop."""
@@ -165,6 +173,9 @@ class AcquisitionRunner:
         self._next_attempt_s = time.monotonic() + self._config.reconnect_s
 
     def _do(self, job: Job) -> None:
+        if isinstance(job, SettingsRequest):
+            self._ask(job)
+            return
         doubt = ""
         try:
             if isinstance(job, LatencyRequest):
@@ -181,6 +192,16 @@ class AcquisitionRunner:
             log.exception("the acquisition of %s failed", job.scan)
             self._port.rest()
             self._tell_failed(job.scan, AcquisitionError(f"the acquisition failed: {type(error).__name__}: {error}"))
+
+    def _ask(self, request: SettingsRequest) -> None:
+        try:
+            found = answered(self._port, request)
+        except FringedError as error:
+            if isinstance(error, DeviceError) and culprit(error) is not None:
+                self._port.failed(error)
+            request.failed(error)
+        else:
+            request.done(found)
 
     def _tell_failed(self, scan: str, error: FringedError) -> None:
         with self._changed:

@@ -43,6 +43,9 @@ class Runner(Protocol):
     def calibrate_latency(self, scan: str, settings: CameraSettings, /) -> None:
         """Queue a measurement."""
 
+    def settings(self, request: Any, /) -> None:
+        """Queue a question to a device."""
+
 
 class RigLink:
     """The rig's end in serving; `runner` is set once it is built."""
@@ -79,6 +82,10 @@ class RigLink:
     def calibrate_latency(self, scan: str) -> None:
         """Queue a measurement; raises DeviceAbsent where there is no rig."""
         self._there().calibrate_latency(scan, camera_settings(self._camera(), {}))
+
+    def settings(self, request: Any) -> None:
+        """Queue a question to a device; raises DeviceAbsent where there is no rig."""
+        self._there().settings(request)
 
     def size_px(self) -> tuple[int, int]:
         """Return the projector's size; raises DeviceAbsent where there is no rig."""

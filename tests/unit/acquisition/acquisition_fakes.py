@@ -10,7 +10,7 @@ import numpy as np
 
 from fringed.data import CameraSettings, PatternFrame, PatternSequence
 from fringed.errors import DeviceAbsent, DeviceStalled
-from fringed.hookspecs import RawFrame
+from fringed.hookspecs import RawFrame, Setting
 
 WIDTH, HEIGHT = 256, 192
 SHAPE = (60, 80)
@@ -88,6 +88,7 @@ class FakeRig:
         self.sequence, self.role, self.roles = None, "", []
         self.timeline = [(-math.inf, None, -1)]  # since when, sequence, pattern
         self.orders = []
+        self.brightness = 50
         self.present = {"camera": True, "projector": True}
         self.opened = {"camera": 0, "projector": 0}
         self.threads = set()
@@ -151,6 +152,19 @@ class FakeProjector:
 
     def check(self):
         self.rig.touched("projector")
+
+    def settings(self):
+        self.rig.touched("projector")
+        return [
+            Setting("brightness", self.rig.brightness, "%", 0, 100),
+            Setting("input", "rgb1", choices=("rgb1", "rgb2")),
+            Setting("lamp_hours", 120.5, "h", writable=False),
+        ]
+
+    def adjust(self, name, value):
+        self.rig.touched("projector")
+        assert name == "brightness"
+        self.rig.brightness = value
 
     def _flip(self, index, late_s):
         rig = self.rig
