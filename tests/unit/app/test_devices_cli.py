@@ -1,4 +1,4 @@
-"""`fringed devices`, and what is found in /sys: on a folder that looks like a lab's machine, and on real, empty ones."""
+"""`fringed devices`, and what is found in /sys: of a lab's machine that is made as a folder, and of this one."""
 
 from __future__ import annotations
 
