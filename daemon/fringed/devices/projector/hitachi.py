@@ -15,7 +15,7 @@ from fringed.devices.projector.hitachi_control import HitachiControl
 from fringed.devices.projector.hitachi_options import HitachiOptions, control_of, transport_of
 from fringed.devices.projector.hitachi_power import Lamp
 from fringed.errors import ConfigurationError, DeviceError, Problem
-from fringed.hookspecs import Clock, Driver, Projector
+from fringed.hookspecs import Clock, Driver, Projector, Watched
 
 log = logging.getLogger(__name__)
 
@@ -25,8 +25,15 @@ __all__ = ["HITACHI", "HitachiControl", "HitachiOptions", "HitachiProjector", "c
 class BuildContext(Protocol):
     """What a driver is told beside its options."""
 
-    station: str
-    clock: Clock
+    @property
+    def station(self) -> str:
+        """The station's name."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The rig's clock."""
+        ...
 
 
 class HitachiProjector:
@@ -100,17 +107,18 @@ class HitachiProjector:
         """Show the output's idle picture."""
         self._output.idle()
 
-    def poll(self) -> str:
-        """Keep the line alive while nothing is measured, and return the lamp's state.
+    def check(self) -> None:
+        """Keep the line alive while nothing is measured, and see that line, lamp and output are still there.
 
         Raises
         ------
         DeviceError
-            the line is gone, or the lamp is no longer on.
+            one of them has gone, or the lamp is no longer on.
         """
         self._control.keep_alive(self._options.keep_alive_s)
         self._require_on()
-        return self.lamp_state
+        if isinstance(self._output, Watched):
+            self._output.check()
 
     def _require_on(self) -> None:
         lamp = self._control.lamp

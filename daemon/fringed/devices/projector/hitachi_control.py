@@ -192,8 +192,12 @@ class HitachiControl:
         self._do("auto adjust")
 
     def keep_alive(self, every_s: float) -> Lamp | None:
-        """Notice a lost line at once, and look when nothing was asked for `every_s`."""
-        self._line.watch()
+        """Notice a lost line at once, and look when nothing was asked for `every_s`; raises DeviceError."""
+        self._require_open()
+        try:
+            self._line.watch()
+        except DeviceAbsent:
+            self._reopen()
         return self.look() if self._clock.now() - self._asked_s >= every_s else self.lamp
 
     # Below.
@@ -248,15 +252,22 @@ class HitachiControl:
         )
 
     def _exchange(self, name: str) -> Answer:
-        if not self._open:
-            raise DeviceAbsent(f"{self.name} is closed: open it")
+        self._require_open()
         self._asked_s = self._clock.now()
         try:
             return self._line.exchange(name)
         except DeviceAbsent:
-            self._line.close()
-            self._line.open()  # TCP 9715 hangs up after 30 s; a cable may have been put back
+            self._reopen()
             return self._line.exchange(name)
+
+    def _reopen(self) -> None:
+        """Open the line afresh: TCP 9715 hangs up after 30 s, and a cable may have been put back."""
+        self._line.close()
+        self._line.open()
+
+    def _require_open(self) -> None:
+        if not self._open:
+            raise DeviceAbsent(f"{self.name} is closed: open it")
 
     def _usual_s(self, lamp: Lamp) -> float:
         return self._settings.lamp.warm_up_s if lamp is Lamp.WARMING else self._settings.lamp.cool_down_s
