@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 
@@ -138,8 +139,9 @@ def plan_transfers(required: tuple[int, int, int], alignment: int, transfer_byte
         )
     whole = max(alignment, transfer_bytes // alignment * alignment)
     count, rest = divmod(payload, whole)
-    sizes = [-(-max(size, least) // alignment) * alignment for size, least in ((leader, 52), (trailer, 32))]
-    return TransferPlan(sizes[0], whole, count, -(-rest // alignment) * alignment, 0, sizes[1])
+    # Leader and trailer have the same room, so that a leader that comes in a trailer's place is still read.
+    ends = -(-max(leader, trailer, LEADER.size) // alignment) * alignment
+    return TransferPlan(ends, whole, count, -(-rest // alignment) * alignment, 0, ends)
 
 
 class BlockAssembler:
@@ -152,6 +154,11 @@ class BlockAssembler:
         self._leader: Leader | None = None
         self._buffer = np.empty(0, np.uint8)
         self._next = self._filled = 0
+
+    @property
+    def between_blocks(self) -> bool:
+        """Whether a leader is what comes next."""
+        return self._leader is None
 
     @property
     def wanted(self) -> int:
@@ -179,7 +186,7 @@ class BlockAssembler:
         self._payload(data)
         return None
 
-    def lost(self, why: str) -> None:
+    def lost(self, why: str) -> NoReturn:
         """Say that a transfer could not be taken: what was begun is over.
 
         Raises

@@ -146,13 +146,19 @@ class Features:
 
     def _place(self, node: Node, depth: int) -> tuple[int, int]:
         """Return a register's address and length."""
-        if "pIndex" in node.fields or not node.fields.keys() & {"Address", "pAddress"}:
+        if not node.fields.keys() & {"Address", "pAddress"}:
             raise ProtocolError(f"the camera describes {node.name} ({node.kind}) in a way that is not read here")
         address = sum(integer(text, node.name) for text in node.fields.get("Address", ()))
         address += sum(int(self._get(self._node(name), depth + 1)) for name in node.fields.get("pAddress", ()))
-        if "pLength" in node.fields:
-            return address, int(self._get(self._node(node.text("pLength")), depth + 1))
-        return address, node.number("Length")
+        moved = "pLength" in node.fields
+        length = int(self._get(self._node(node.text("pLength")), depth + 1)) if moved else node.number("Length")
+        for name, step in node.indices:
+            each = length if not step else self._step(step, node, depth)
+            address += int(self._get(self._node(name), depth + 1)) * each
+        return address, length
+
+    def _step(self, step: str, node: Node, depth: int) -> int:
+        return int(self._get(self._nodes[step], depth + 1)) if step in self._nodes else integer(step, node.name)
 
     def _read(self, node: Node, depth: int) -> Number:
         address, length = self._place(node, depth)

@@ -21,13 +21,17 @@ MAX_NODES = 50_000
 
 @dataclass(frozen=True)
 class Node:
-    """A node: its elements' texts by tag, an enumeration's entries, and the names of a formula's variables."""
+    """A node: its elements' texts by tag, an enumeration's entries, and the names of a formula's variables.
+
+    `indices` are the nodes that move a register, each with the bytes of a step; empty, the register's length.
+    """
 
     kind: str
     name: str
     fields: Mapping[str, tuple[str, ...]]
     entries: Mapping[str, int] = field(default_factory=dict)
     variables: Mapping[str, str] = field(default_factory=dict)
+    indices: tuple[tuple[str, str], ...] = ()
 
     def text(self, tag: str, default: str | None = None) -> str:
         """Return the text of one element; raises ProtocolError where it is missing and has no default."""
@@ -103,14 +107,22 @@ def _node(element: Tree.Element) -> Node:
             entries[child.get("Name", "")] = integer(_fields(child).get("Value", ("",))[0], name)
         elif tag == "pVariable" and child.get("Name"):
             variables[child.get("Name", "")] = (child.text or "").strip()
-    return Node(_tag(element), name, _fields(element), entries, variables)
+    return Node(_tag(element), name, _fields(element), entries, variables, _indices(element))
+
+
+def _indices(element: Tree.Element) -> tuple[tuple[str, str], ...]:
+    return tuple(
+        ((child.text or "").strip(), child.get("pOffset") or child.get("Offset") or "")
+        for child in element
+        if _tag(child) == "pIndex"
+    )
 
 
 def _structure(element: Tree.Element) -> list[Node]:
     """Return the entries of a StructReg, each with what the structure says for all."""
     shared = _fields(element)
     return [
-        Node("StructEntry", child.get("Name", ""), {**shared, **_fields(child)})
+        Node("StructEntry", child.get("Name", ""), {**shared, **_fields(child)}, indices=_indices(element))
         for child in element
         if _tag(child) == "StructEntry" and child.get("Name")
     ]

@@ -40,7 +40,9 @@ XML = """<?xml version="1.0"?>
 <IntReg Name="GoReg"><Address>0x28</Address><Length>4</Length><AccessMode>WO</AccessMode></IntReg>
 <Integer Name="Loop"><pValue>Loop</pValue></Integer>
 <Integer Name="Lost"><pValue>Nowhere</pValue></Integer>
-<IntReg Name="Selected"><Address>0</Address><pIndex Offset="4">Width</pIndex><Length>4</Length></IntReg>
+<IntReg Name="Selected"><Address>0x30</Address><pIndex Offset="2">Flag</pIndex><Length>2</Length></IntReg>
+<IntReg Name="Stepped"><Address>0x30</Address><pIndex>Flag</pIndex><Length>4</Length></IntReg>
+<IntReg Name="Placeless"><Length>4</Length></IntReg>
 <SwissKnife Name="Sine"><Formula>SIN(1)</Formula></SwissKnife>
 </Group></RegisterDescription>"""
 
@@ -133,6 +135,13 @@ def test_converters_and_addresses_are_computed(features, memory):
     assert features.number("Nested") == 200
 
 
+def test_an_index_moves_a_register(features, memory):
+    memory.write(0x30, bytes(range(1, 9)))
+    assert (features.number("Selected"), features.number("Stepped")) == (0x0201, 0x04030201)
+    features.set("Flag", 1)
+    assert (features.number("Selected"), features.number("Stepped")) == (0x0403, 0x08070605)
+
+
 def test_enumerations_go_by_name_and_commands_by_their_value(features, memory):
     features.set("Mode", "On")
     assert features.choice("Mode") == "On" and features.choices("Mode") == ("Off", "On")
@@ -160,7 +169,7 @@ def test_local_values_are_remembered(features):
         (lambda f: f.execute("Width"), "a command is expected"),
         (lambda f: f.number("Loop"), "refers to itself"),
         (lambda f: f.number("Lost"), "no Nowhere"),
-        (lambda f: f.number("Selected"), "not read here"),
+        (lambda f: f.number("Placeless"), "not read here"),
         (lambda f: f.number("Sine"), "function SIN"),
         (lambda f: f.number("Colour"), "no Colour.*viewer"),
     ],
