@@ -13,6 +13,8 @@ import msgspec
 
 from fringed.config import StationConfig, examined, merged, read_toml, validate
 from fringed.config.defaults import PIPELINES
+from fringed.config.schema import DeviceConfig
+from fringed.devices.building import BUILT_IN, built_in
 from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, FringedError, Problem
 from fringed.loading import Catalogue, load_plugins
 from fringed.messages import PluginInfo
@@ -88,11 +90,26 @@ def plugin_problems(config: StationConfig) -> list[Problem]:
             both = merged(stages[own].params, params)
             _check(catalogue, "processor", stages[own].processor, ("", f"{where}.stages.{own}"), both, problems)
     problems += _scene_problems(config, catalogue)
-    for kind, driver in (("camera", config.camera.driver), ("projector", config.projector.driver)):
-        if driver not in ("none", "sim", "replay", *catalogue.provided.get(kind, {})):
-            there = ", ".join(["none", "sim", "replay", *sorted(catalogue.provided.get(kind, {}))])
-            problems.append(Problem(f"{kind}.driver", repr(driver), f"one of {there}"))
+    problems += _device_problems("camera", config.camera, catalogue)
+    problems += _device_problems("projector", config.projector, catalogue)
     return problems
+
+
+def _device_problems(kind: str, device: DeviceConfig, catalogue: Catalogue) -> list[Problem]:
+    """Return what is wrong with a device's driver and, where it is a real one's, its options."""
+    provided = catalogue.provided.get(kind, {})
+    ours = built_in(kind, device.driver)
+    driver = ours or provided.get(device.driver)
+    if driver is None:
+        if device.driver in ("none", "sim", "replay"):
+            return []
+        there = ", ".join(["none", "sim", "replay", *BUILT_IN[kind], *sorted(provided)])
+        return [Problem(f"{kind}.driver", repr(device.driver), f"one of {there}")]
+    try:
+        validate(device.options, driver.Options, f"{kind}.options")  # type: ignore[attr-defined]
+    except ConfigurationError as error:
+        return list(error.problems)
+    return []
 
 
 def _scene_problems(config: StationConfig, catalogue: Catalogue) -> list[Problem]:

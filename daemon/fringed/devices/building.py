@@ -24,7 +24,19 @@ if TYPE_CHECKING:
     from fringed.simulation.rig import SimulatedRig
 
 NONE, SIMULATED, REPLAY = "none", "sim", "replay"
-BUILT_IN: Mapping[str, Mapping[str, str]] = {"camera": {}, "projector": {}}
+_CAMERAS, _PROJECTORS = "fringed.devices.camera", "fringed.devices.projector"
+BUILT_IN: Mapping[str, Mapping[str, str]] = {
+    "camera": {
+        "duncantech": f"{_CAMERAS}.duncantech:DUNCANTECH",
+        "usb3vision": f"{_CAMERAS}.usb3vision:USB3_VISION",
+        "gige": f"{_CAMERAS}.gige:GIGE",
+        "webcam": f"{_CAMERAS}.webcam:WEBCAM",
+    },
+    "projector": {
+        "hitachi": f"{_PROJECTORS}.hitachi:HITACHI",
+        "window": f"{_PROJECTORS}.window:WINDOW",
+    },
+}
 """Our drivers of real devices, by kind and name: `module:class`, imported when a configuration names one."""
 LoadPlugins = Callable[[], Catalogue]
 MakeReplay = Callable[[StationConfig], tuple[Camera, Projector]]

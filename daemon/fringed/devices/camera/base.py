@@ -55,7 +55,9 @@ class AbsentCamera:
     replayed = False
 
     def __init__(
-        self, why: str = "no camera is configured: set camera.driver to sim, replay or a plug-in's driver"
+        self,
+        why: str = "no camera is configured: set camera.driver to sim, replay, duncantech, usb3vision, gige, webcam or "
+        "a plug-in's driver",
     ) -> None:
         self.clock: Clock = MachineClock()
         self._why = why

@@ -17,7 +17,9 @@ class AbsentProjector:
     simulated = False
 
     def __init__(
-        self, why: str = "no projector is configured: set projector.driver to sim, replay or a plug-in's driver"
+        self,
+        why: str = "no projector is configured: set projector.driver to sim, replay, hitachi, window or a plug-in's "
+        "driver",
     ) -> None:
         self._why = why
 
