@@ -389,13 +389,26 @@ def test_the_driver_is_built_from_its_options_and_the_station(station_cable):
         projector.idle()
 
 
-def test_opening_and_closing_leaves_no_descriptor(station_cable):
+def test_opening_and_closing_leaves_no_descriptor_and_warns_once(station_cable, caplog):
     projector = window(station_cable)
     projector.open()
     projector.close()
+    assert len(caplog.records) == 1
     before = len(list(Path("/proc/self/fd").iterdir()))
     for _ in range(3):
         projector.open()
         projector.load(flat(1), "object")
         projector.close()
     assert len(list(Path("/proc/self/fd").iterdir())) == before
+    assert len(caplog.records) == 1
+
+
+def test_signals_for_the_daemon_leave_the_window_to_it(station_cable, station_window):
+    pid = station_window.pid
+    os.kill(pid, signal.SIGINT)
+    os.kill(pid, signal.SIGTERM)
+    station_window.ping()
+    station_window.load(flat(12), "object")
+    station_window.show(0)
+    assert station_window.pid == pid
+    assert (station_cable.picture() == 12).all()

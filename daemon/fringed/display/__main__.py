@@ -108,7 +108,8 @@ def main(argv: list[str]) -> int:
     if len(argv) != 2:
         sys.stderr.write("usage: python -m fringed.display --list [BACKEND] [--json]; the daemon starts it otherwise\n")
         return 2
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the daemon's affair
+    for number in (signal.SIGINT, signal.SIGTERM):  # the daemon's affair, which closes the window in good order
+        signal.signal(number, signal.SIG_IGN)
     link = socket.socket(fileno=int(argv[0]))
     setup = msgspec.json.decode(argv[1], type=Setup)
     hang_on(0)

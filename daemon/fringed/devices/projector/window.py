@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import subprocess
 import sys
 from typing import Annotated, Any, Literal, Protocol
@@ -84,6 +85,7 @@ class WindowProjector:
         self._process: DisplayProcess | None = None
         self._count = 0
         self._gone = ""  # why, since it was open last
+        self._warned: set[str] = set()
         self.ready: Ready | None = None
 
     @property
@@ -116,8 +118,7 @@ class WindowProjector:
             process.kill() if isinstance(error, DeviceStalled) else process.end()
             raise
         self._process, self._gone = process, ""
-        for warning in self.ready.warnings:
-            logging.getLogger(__name__).warning("projector window: %s", warning)
+        self._warn(self.ready)
         return self._identity()
 
     def close(self) -> None:
@@ -185,6 +186,14 @@ class WindowProjector:
             self.close()
             self._gone = error.message
             raise
+
+    def _warn(self, ready: Ready) -> None:
+        """Log each kind of doubt once, not at each opening; figures in it differ from time to time."""
+        for warning in ready.warnings:
+            kind = re.sub(r"[\d.]+", "", warning)
+            if kind not in self._warned:
+                self._warned.add(kind)
+                logging.getLogger(__name__).warning("projector window: %s", warning)
 
     def _identity(self) -> str:
         assert self.ready is not None

@@ -156,7 +156,8 @@ class DisplayProcess:
             how = f"ended with status {status}"
         size = os.fstat(self._words).st_size
         words = os.pread(self._words, _LAST_WORDS, max(0, size - _LAST_WORDS)).decode(errors="replace").splitlines()
-        last = " ".join(line.strip() for line in words[-3:]).strip()
+        fatal = [line for line in words if line.startswith("Fatal Python error")]
+        last = " ".join(line.strip() for line in fatal[:1] or words[-3:]).strip()
         said = f"; it said: {last.rstrip('.')}" if last else ""
         return f"the display process {self.pid} {how}{said}. A new one starts at the next try"
 
