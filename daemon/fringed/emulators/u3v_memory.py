@@ -27,7 +27,7 @@ SOURCES = ("Software", "Line0", "Line1")
 
 @dataclass(frozen=True)
 class EmulatedIdentity:
-    """What the camera says it is, and what it can."""
+    """What the camera says it is, and what it can; features that are `hidden` are not described, as by a bridge."""
 
     serial: str = "EMU-0001"
     vendor: str = "fringed"
@@ -37,6 +37,7 @@ class EmulatedIdentity:
     formats: tuple[str, ...] = ("Mono8", "Mono10", "Mono12", "RGB8", "RGB10", "RGB12")
     zipped: bool = True
     max_transfer: int = 1024
+    hidden: tuple[str, ...] = ()
 
 
 class Refused(Exception):
@@ -193,6 +194,6 @@ def description(identity: EmulatedIdentity) -> str:
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n<RegisterDescription ModelName="Emulated" VendorName="fringed" '
         'SchemaMajorVersion="1" SchemaMinorVersion="1" xmlns="http://www.genicam.org/GenApi/Version_1_1">\n'
-        + "\n".join(parts)
+        + "\n".join(part for part in parts if not any(f'Name="{name}"' in part for name in identity.hidden))
         + "\n</RegisterDescription>\n"
     )

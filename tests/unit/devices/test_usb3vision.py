@@ -129,6 +129,26 @@ def test_settings_that_it_has_not_are_refused_with_those_it_has(bench, asked, to
     assert bench.shoot()
 
 
+def test_behind_a_bridge_the_exposure_is_set_elsewhere():
+    hidden = ("ExposureTime", "Gain", "ExposureAuto", "TriggerMode", "TriggerSelector", "AcquisitionResultingFrameRate")
+    bench = Bench(hidden=hidden, options={"exposure_feature": "", "readout_ms": 30.0})
+    bench.camera.open()
+    settings = bench.arm(trigger="free-running", exposure_us=5000.0)
+    assert (settings.exposure_us, settings.gain_db) == (5000.0, 0.0)
+    assert bench.camera.period_s == pytest.approx(0.035)
+    assert bench.camera.read(5.0).counter == 1
+    with pytest.raises(UsageError, match=r"gain of 3 dB.*ask for 0"):
+        bench.arm(trigger="free-running", gain_db=3.0)
+    with pytest.raises(ProtocolError, match="no TriggerMode"):
+        bench.arm(trigger="software")
+    bench.camera.close()
+    other = Bench(hidden=hidden)
+    other.camera.open()
+    with pytest.raises(ProtocolError, match=r"camera\.options\.exposure_feature"):
+        other.arm()
+    other.camera.close()
+
+
 def test_settings_reach_the_camera_and_come_back_as_it_takes_them(bench):
     settings = bench.arm(exposure_us=3000.3, gain_db=6.0, bits=10)
     assert settings.exposure_us == 3000.5  # ticks of 0.5 us

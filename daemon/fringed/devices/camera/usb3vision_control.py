@@ -76,17 +76,11 @@ class Usb3VisionControl:
         for automatic in ("ExposureAuto", "GainAuto"):
             self._set_if_there(automatic, "Off")
         self._set_if_there("AcquisitionFrameRateEnable", 0)  # a limited rate would limit the exposure
-        exposure = self._options.exposure_feature
-        self._set_within(exposure, asked.exposure_us, "us")
-        gain = self._options.gain_feature
-        if self.features.has(gain):
-            self._set_within(gain, asked.gain_db, "dB")
-        elif asked.gain_db:
-            raise UsageError(f"a gain of {asked.gain_db:g} dB is asked; the camera has no {gain}: ask for 0")
+        exposure_us, gain_db = self._set_exposure(asked.exposure_us), self._set_gain(asked.gain_db)
         self._set_trigger(asked.trigger)
         in_force = CameraSettings(
-            exposure_us=float(self.features.number(exposure)),
-            gain_db=float(self.features.number(gain)) if self.features.has(gain) else 0.0,
+            exposure_us=exposure_us,
+            gain_db=gain_db,
             bits=pixels.bits,
             channel=asked.channel,
             trigger=asked.trigger,
@@ -183,6 +177,27 @@ class Usb3VisionControl:
         for name, wanted in (("Width", self._options.width_px), ("Height", self._options.height_px)):
             if wanted:
                 self.features.set(name, wanted)
+
+    def _set_exposure(self, asked_us: float) -> float:
+        name = self._options.exposure_feature
+        if not name:  # a bridge: whoever sets the exposure answers for it
+            return asked_us
+        if not self.features.has(name):
+            raise ProtocolError(
+                f"the {self.identity} has no {name}: set camera.options.exposure_feature to what it calls its exposure "
+                "in us, or to nothing where the exposure is set elsewhere"
+            )
+        self._set_within(name, asked_us, "us")
+        return float(self.features.number(name))
+
+    def _set_gain(self, asked_db: float) -> float:
+        name = self._options.gain_feature
+        if name and self.features.has(name):
+            self._set_within(name, asked_db, "dB")
+            return float(self.features.number(name))
+        if asked_db:
+            raise UsageError(f"a gain of {asked_db:g} dB is asked; the camera has no {name or 'gain'} here: ask for 0")
+        return 0.0
 
     def _set_trigger(self, trigger: str) -> None:
         if trigger == "free-running" and not self.features.has("TriggerMode"):

@@ -16,7 +16,9 @@ class Usb3VisionOptions(Params, frozen=True, kw_only=True):
     width_px: Annotated[int, Meta(ge=0, le=65536, description="width of its frames; 0: as it stands")] = 0
     height_px: Annotated[int, Meta(ge=0, le=65536, description="height of its frames; 0: as it stands")] = 0
     trigger_line: Annotated[str, Meta(description="its TriggerSource for trigger 'hardware' [A]")] = "Line0"
-    exposure_feature: Annotated[str, Meta(description="the feature that is its exposure in us")] = "ExposureTime"
+    exposure_feature: Annotated[
+        str, Meta(description="the feature that is its exposure in us; empty: it is set elsewhere, as behind a bridge")
+    ] = "ExposureTime"
     gain_feature: Annotated[str, Meta(description="the feature that is its gain in dB [A: some count otherwise]")] = (
         "Gain"
     )
