@@ -11,8 +11,8 @@ from fringed.config import validate
 from fringed.devices.projector.hitachi import HITACHI, HitachiOptions, HitachiProjector, create
 from fringed.devices.projector.hitachi_options import control_of, transport_of
 from fringed.emulators.cpx260_conversation import Manner
-from fringed.errors import ConfigurationError, DeviceAbsent, DeviceError
-from fringed.hookspecs import Driver, Params, Projector, Watched
+from fringed.errors import ConfigurationError, DeviceAbsent, DeviceError, UsageError
+from fringed.hookspecs import Adjustable, Driver, Params, Projector, Watched
 from fringed.protocols import hitachi_commands as codes
 from fringed.transports.serial_port import SerialPort
 from fringed.transports.tcp import TcpPort
@@ -98,11 +98,85 @@ def test_patterns_pass_through_to_the_output():
     assert bench.output.calls[-5:] == [("load", "object"), ("show", 3), "idle", "close", "close"]
 
 
-def test_a_lamp_that_is_off_stays_off_where_the_options_say_so():
+def test_a_lamp_that_is_off_stays_off_where_the_options_say_so_until_it_is_switched_on():
     bench = Bench(power_on=False)
-    with pytest.raises(DeviceError, match=r"the lamp is off: switch it on, or set projector.options.power_on = true"):
-        bench.device.open()
+    assert bench.device.open() == "HITACHI projector at /dev/projector, its lamp off; output"
+    bench.device.check()
+    with pytest.raises(DeviceError, match=r"the lamp is off: switch it on, by `fringe device set projector lamp on`"):
+        bench.device.load(None, "object")
     assert "switched on" not in bench.projector.counts
+    bench.device.adjust("lamp", "on")
+    with pytest.raises(DeviceError, match="the lamp warms up"):
+        bench.device.check()
+    bench.device.close()
+    bench.opened().device.load(None, "object")
+
+
+def test_a_lamp_that_somebody_switches_off_stays_off_until_it_is_switched_on_again():
+    bench = Bench().opened()
+    bench.projector._until = ("COOLING", bench.clock.now() + 90.0)  # the remote control
+    bench.clock.sleep(11.0)
+    with pytest.raises(DeviceError, match=r"cools down, ready in about .*; the projector is opened afresh"):
+        bench.device.check()
+    bench.device.close()
+    assert "its lamp off" in bench.device.open()
+    for _ in range(20):
+        bench.clock.sleep(11.0)
+        bench.device.check()
+    assert bench.device.lamp_state == "STANDBY"
+    assert bench.projector.counts["switched on"] == 1
+    bench.projector._on = True  # the remote control again
+    bench.clock.sleep(11.0)
+    with pytest.raises(DeviceError, match="the lamp is on; the projector is opened afresh"):
+        bench.device.check()
+    bench.device.close()
+    bench.opened().device.load(None, "object")
+
+
+def test_a_projector_that_lost_its_mains_is_switched_on_again():
+    bench = Bench().opened()
+    bench.projector._on = False
+    bench.clock.sleep(11.0)
+    with pytest.raises(DeviceError, match="the lamp is off; it is tried again by itself"):
+        bench.device.check()
+    bench.device.close()
+    bench.opened().device.load(None, "object")
+    assert bench.projector.counts["switched on"] == 2
+
+
+def test_settings_are_read_and_set():
+    bench = Bench().opened()
+    assert isinstance(bench.device, Adjustable)
+    read = {setting.name: setting.value for setting in bench.device.settings()}
+    assert read == {
+        "lamp": "on", "error": "normal", "lamp_hours": 812, "filter_hours": 90, "input": "rgb1", "blank": False,
+        "freeze": False, "picture": "neutral",
+    }  # fmt: skip
+    assert not any(setting.verified for setting in bench.device.settings())
+    bench.projector.registers[codes.KEYSTONE] = 4
+    for name, value in (("input", "rgb2"), ("blank", True), ("freeze", True)):
+        bench.device.adjust(name, value)
+    read = {setting.name: setting.value for setting in bench.device.settings()}
+    assert (read["input"], read["blank"], read["freeze"]) == ("rgb2", True, True)
+    assert "keystone is 4" in read["picture"]
+    bench.device.adjust("picture", "neutral")
+    assert bench.projector.registers[codes.KEYSTONE] == 0
+    with pytest.raises(UsageError, match="projector lamp_hours can be read only"):
+        bench.device.adjust("lamp_hours", 3)
+
+
+def test_the_lamp_is_switched_off_by_its_setting_and_tells_less_then():
+    bench = Bench().opened()
+    bench.device.adjust("lamp", "standby")
+    assert [setting.name for setting in bench.device.settings()] == ["lamp", "error", "lamp_hours", "filter_hours"]
+    with pytest.raises(UsageError, match=r"cools down, ready in about .* it can be switched then"):
+        bench.device.adjust("lamp", "on")
+    bench.device.close()
+    assert "its lamp off" in bench.device.open()
+    bench.clock.sleep(100.0)
+    bench.device.adjust("lamp", "on")
+    with pytest.raises(UsageError, match=r"warms up.* it can be switched then"):
+        bench.device.adjust("lamp", "standby")
 
 
 def test_blank_freeze_and_another_input_are_undone_at_opening():
@@ -159,7 +233,7 @@ def test_an_output_of_another_size_would_be_resampled_and_is_refused():
         bench.device.open()
 
 
-def test_checking_sees_a_lost_line_a_lamp_that_went_out_and_a_lost_output():
+def test_checking_sees_a_lost_line_and_a_lost_output():
     bench = Bench().opened()
     bench.device.check()
     bench.cable.plugged = False
@@ -167,12 +241,6 @@ def test_checking_sees_a_lost_line_a_lamp_that_went_out_and_a_lost_output():
         bench.device.check()
     bench.cable.plugged = True
     bench.device.check()
-    bench.projector._on = False
-    bench.clock.sleep(11.0)
-    with pytest.raises(DeviceError, match="the lamp is off"):
-        bench.device.check()
-    bench.device.close()
-    bench.opened()
     bench.output.gone = True
     with pytest.raises(DeviceAbsent, match="the display has gone"):
         bench.device.check()

@@ -7,6 +7,7 @@ confirmed on a CP-X260: see `fringed.protocols.hitachi_commands`.
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from typing import Protocol
 
 from fringed.config import validate
@@ -14,8 +15,9 @@ from fringed.data import PatternSequence
 from fringed.devices.projector.hitachi_control import HitachiControl
 from fringed.devices.projector.hitachi_options import HitachiOptions, control_of, transport_of
 from fringed.devices.projector.hitachi_power import Lamp
+from fringed.devices.projector.hitachi_settings import LAMP, OFF, ON, adjust, settings_of
 from fringed.errors import ConfigurationError, DeviceError, Problem
-from fringed.hookspecs import Clock, Driver, Projector, Watched
+from fringed.hookspecs import Clock, Driver, Projector, Setting, Watched
 
 log = logging.getLogger(__name__)
 
@@ -42,6 +44,7 @@ class HitachiProjector:
     def __init__(self, control: HitachiControl, output: Projector, clock: Clock, options: HitachiOptions) -> None:
         self._control, self._output, self._clock, self._options = control, output, clock, options
         self._checked_s: float | None = None
+        self._off_wished = self._was_on = self._opened_resting = False
 
     @property
     def simulated(self) -> bool:
@@ -64,27 +67,33 @@ class HitachiProjector:
         return self._control.lamp.value if self._control.lamp else ""
 
     def open(self) -> str:
-        """Open line and output and return the identity. A lamp that is off is switched on, if the options say so.
+        """Open line and output and return the identity.
+
+        A lamp that is off is switched on, unless the options say otherwise or somebody switched it off since: then it
+        stays off, and only loading patterns is refused.
 
         Raises
         ------
         DeviceError
-            the lamp is not on yet, or not at all: it says how long that takes or what to do. Also where the
-            projector reports an error or its picture is not neutral.
+            the lamp warms up or cools down: it says about how long. Also where the projector reports an error or its
+            picture is not neutral.
         """
-        lamp = self._control.open()
-        if lamp is Lamp.STANDBY and self._options.power_on:
+        self._control.open()
+        self._note()
+        if self._control.lamp is Lamp.STANDBY and not self._resting:
             self._control.power_on()
+        self._opened_resting = self._resting
+        if self._resting:
+            return f"HITACHI projector at {self._control.name}, its lamp off; {self._opened_output()}"
         self._require_on()
         self._control.select_input(self._options.input)
-        picture = self._output.open()
-        self._require_panel()
+        picture = self._opened_output()
         self._prepare()
         hours = f"lamp {self._control.lamp_hours()} h, filter {self._control.filter_hours()} h"
         return f"HITACHI projector at {self._control.name}, {hours}; {picture}"
 
     def close(self) -> None:
-        """Close output and line; the lamp stays on."""
+        """Close output and line; the lamp stays as it is."""
         self._checked_s = None
         try:
             self._output.close()
@@ -95,6 +104,7 @@ class HitachiProjector:
         """Prepare the patterns of one set; now and then, look at lamp and picture first. Raises DeviceError."""
         if self._checked_s is None or self._clock.now() - self._checked_s >= self._options.recheck_s:
             self._control.look()
+            self._note()
             self._require_on()
             self._prepare()
         self._output.load(sequence, role)
@@ -116,19 +126,50 @@ class HitachiProjector:
             one of them has gone, or the lamp is no longer on.
         """
         self._control.keep_alive(self._options.keep_alive_s)
-        self._require_on()
+        self._note()
+        if self._resting != self._opened_resting:
+            raise DeviceError(f"{self._control.state_text()}; the projector is opened afresh")
+        if not self._resting:
+            self._require_on()
         if isinstance(self._output, Watched):
             self._output.check()
 
-    def _require_on(self) -> None:
+    def settings(self) -> Sequence[Setting]:
+        """Ask for lamp, input, blank, freeze, errors, hours and the picture; raises DeviceError."""
+        return settings_of(self._control)
+
+    def adjust(self, name: str, value: bool | float | str) -> None:
+        """Set one of them; raises DeviceError, or UsageError where it cannot be now."""
+        adjust(self._control, name, value)
+        self._checked_s = None
+        if name == LAMP:
+            self._off_wished = value == OFF
+
+    @property
+    def _resting(self) -> bool:
+        """Whether the lamp is off because somebody wants that."""
+        off = self._control.lamp in (Lamp.STANDBY, Lamp.COOLING)
+        return off and (self._off_wished or not self._options.power_on)
+
+    def _note(self) -> None:
+        """Take note of what the lamp does. One that cools down after it was on was switched off by somebody."""
         lamp = self._control.lamp
+        if lamp is Lamp.COOLING and self._was_on:
+            self._off_wished = True
         if lamp is Lamp.ON:
+            self._was_on, self._off_wished = True, False
+
+    def _require_on(self) -> None:
+        if self._control.lamp is Lamp.ON:
             return
         self._checked_s = None
-        todo = "; it is tried again by itself"
-        if lamp is Lamp.STANDBY:
-            todo = ": switch it on, or set projector.options.power_on = true"
-        raise DeviceError(self._control.state_text() + todo)
+        todo = f": switch it on, by `fringe device set projector {LAMP} {ON}` or its remote control"
+        raise DeviceError(self._control.state_text() + (todo if self._resting else "; it is tried again by itself"))
+
+    def _opened_output(self) -> str:
+        picture = self._output.open()
+        self._require_panel()
+        return picture
 
     def _require_panel(self) -> None:
         seen, panel = self._output.size_px, self._options.panel_px

@@ -60,7 +60,7 @@ class HitachiControl:
         self._open = False
         self._asked_s = 0.0
         judged = judged_settings(self._settings.input, self._settings.neutral, self._settings.unchecked)
-        self.picture = NeutralPicture(line.name, judged, self._value, self._do)
+        self.picture = NeutralPicture(line.name, judged, self.value, self._do)
 
     @property
     def name(self) -> str:
@@ -191,6 +191,11 @@ class HitachiControl:
         """Let it find the analogue signal's position and phase anew."""
         self._do("auto adjust")
 
+    def value(self, name: str) -> int | None:
+        """Return the answer to a get by its name in the table; None where the projector refuses it."""
+        answer = self._exchange(name)
+        return answer.value if isinstance(answer, Data) else None
+
     def keep_alive(self, every_s: float) -> Lamp | None:
         """Notice a lost line at once, and look when nothing was asked for `every_s`; raises DeviceError."""
         self._require_open()
@@ -201,10 +206,6 @@ class HitachiControl:
         return self.look() if self._clock.now() - self._asked_s >= every_s else self.lamp
 
     # Below.
-
-    def _value(self, name: str) -> int | None:
-        answer = self._exchange(name)
-        return answer.value if isinstance(answer, Data) else None
 
     def _switch(self, name: str, on: bool) -> None:
         """Switch the lamp. A reply that was lost or drowned in power-on noise is no failure: the next look tells."""
