@@ -8,7 +8,6 @@ import statistics
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -109,11 +108,11 @@ def losses(projector: WindowProjector, folder: Path) -> None:
 
 
 def until_absent(projector: WindowProjector) -> float:
+    """Check every 0.01 s, and return how long it took until the driver said that something has gone."""
     start = time.monotonic()
-    look: Callable[[], None] = projector.look
     while time.monotonic() < start + 60:
         try:
-            look()
+            projector.check()
         except DeviceAbsent:
             return time.monotonic() - start
         time.sleep(0.01)

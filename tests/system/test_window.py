@@ -146,7 +146,7 @@ def test_idle_is_dark_at_once_and_a_dim_grid_with_text_a_while_later(cable):
         projector.load(flat(255), "object")
         projector.show(0)
         projector.idle()
-        assert wait(lambda: np.array_equal(cable.picture(), first), projector.look)
+        assert wait(lambda: np.array_equal(cable.picture(), first), projector.check)
         projector.show(0)
         assert (cable.picture() == 255).all()
     finally:
@@ -266,7 +266,7 @@ def scanned_out(cable, wanted):
 def lost(projector):
     """Wait until the driver says by itself that the display has gone; return what it says."""
     with pytest.raises(DeviceAbsent) as caught:
-        wait(lambda: False, projector.look)
+        wait(lambda: False, projector.check)
     return caught.value.message
 
 
@@ -280,7 +280,7 @@ def test_a_killed_display_process_is_absent_at_once_and_the_next_open_works(stat
         with pytest.raises(DeviceAbsent, match=f"display process {first} was killed by SIGKILL"):
             projector.show(0)
         with pytest.raises(DeviceAbsent, match="was killed by SIGKILL"):
-            projector.look()
+            projector.check()
         projector.open()
         assert projector.pid not in (0, first)
         with pytest.raises(DeviceError, match="none are loaded"):
@@ -303,7 +303,7 @@ def test_a_process_that_hangs_is_ended_and_the_next_open_works(station_cable):
             projector.show(0)
         assert not Path(f"/proc/{first}").exists()
         projector.open()
-        projector.ping()
+        projector.check()
     finally:
         projector.close()
 
@@ -407,7 +407,7 @@ def test_signals_for_the_daemon_leave_the_window_to_it(station_cable, station_wi
     pid = station_window.pid
     os.kill(pid, signal.SIGINT)
     os.kill(pid, signal.SIGTERM)
-    station_window.ping()
+    station_window.check()
     station_window.load(flat(12), "object")
     station_window.show(0)
     assert station_window.pid == pid

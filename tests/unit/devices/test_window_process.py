@@ -13,6 +13,7 @@ from fringed.devices.projector.window import WindowOptions, WindowProjector, env
 from fringed.devices.projector.window_process import DisplayProcess
 from fringed.display.messages import LONGEST, Load
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled, ProtocolError, UsageError
+from fringed.hookspecs import Watched
 
 SIZE = (320, 240)
 OPTIONS = WindowOptions(backend="dummy", size_px=SIZE, connector="")
@@ -40,6 +41,7 @@ def two():
 
 
 def test_patterns_are_shown_one_period_apart_on_the_machines_clock(projector):
+    assert isinstance(projector, Watched)
     assert projector.open() == projector.open()
     projector.load(two(), "object")
     before = time.monotonic()
@@ -62,9 +64,9 @@ def test_a_dead_process_is_absent_with_its_signal_until_it_is_opened_again(proje
     os.kill(projector.pid, signal.SIGKILL)
     for _ in range(2):
         with pytest.raises(DeviceAbsent, match="killed by SIGKILL"):
-            projector.ping()
+            projector.check()
     projector.open()
-    projector.ping()
+    projector.check()
 
 
 def test_a_hanging_process_is_stalled_and_replaced():
@@ -77,7 +79,7 @@ def test_a_hanging_process_is_stalled_and_replaced():
             projector.idle()
         assert not Path(f"/proc/{first}").exists()
         projector.open()
-        projector.ping()
+        projector.check()
     finally:
         projector.close()
 

@@ -109,7 +109,7 @@ class WindowProjector:
             the display process hangs.
         """
         if self._process is not None:
-            self.look()
+            self.check()
             return self._identity()
         process = DisplayProcess(self.setup(), environment_of(self._options))
         try:
@@ -157,12 +157,16 @@ class WindowProjector:
         """Show darkness, and the idle picture a while later."""
         self._ask(Idle)
 
-    def look(self) -> None:
-        """Raise DeviceAbsent at once if the display has gone; waits for nothing. For whoever has time to look."""
-        self._do(lambda process: process.look())
+    def check(self) -> None:
+        """See that the display process answers and the display is there; returns within milliseconds where it does.
 
-    def ping(self) -> None:
-        """Raise unless the display process answers, and the display is there."""
+        Raises
+        ------
+        DeviceAbsent
+            the display has gone, or the process has ended.
+        DeviceStalled
+            the process hangs.
+        """
         self._ask(Ping)
 
     def _ask(self, make: Any) -> None:
