@@ -70,6 +70,17 @@ def test_frames_carry_what_is_in_force(port, camera):
     assert frame.exposure_end_s == pytest.approx(100.0 - 0.002)
 
 
+def test_the_noise_of_a_data_sheet_is_in_force(port):
+    options = validate({**SIZE, "full_well_electrons": 10_200.0, "dark_noise_electrons": 7.0}, GigeOptions, "o")
+    camera = GigeCamera(options, port)
+    camera.open()
+    settings = arm(camera, gain_db=20.0)
+    assert settings.electrons_per_dn == pytest.approx(4.0)
+    assert settings.read_noise_electrons == 7.0
+    assert arm(camera, bits=12).electrons_per_dn == pytest.approx(10_200 / 4095)
+    camera.close()
+
+
 def test_a_frame_that_arrived_late_is_timed_by_the_cameras_clock(port, camera):
     arm(camera)
     for k, late_s in enumerate((0.0, 0.003, 0.02)):

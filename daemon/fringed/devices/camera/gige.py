@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import suppress
+from dataclasses import replace
 from typing import Annotated, Any
 
 from msgspec import Meta
@@ -46,6 +47,10 @@ class GigeOptions(Params, frozen=True, kw_only=True):
     gain_step_db: Annotated[
         float, Meta(ge=0, description="[A] dB of one step, for cameras whose gain counts in steps; 0: unknown")
     ] = 0.0
+    full_well_electrons: Annotated[
+        float, Meta(ge=0, description="[A] saturation capacity of its data sheet, reached at 0 dB; 0: unknown")
+    ] = 0.0
+    dark_noise_electrons: Annotated[float, Meta(ge=0, description="[A] temporal dark noise of its data sheet")] = 0.0
     delay_ms: Annotated[
         float,
         Meta(ge=0, description="[A] from the exposure's end to the frame's first byte", extra_json_schema=_units("ms")),
@@ -128,6 +133,7 @@ class GigeCamera:
         self.incomplete.clear()
         self._port.start(options.buffers)
         self._port.execute("AcquisitionStart")
+        in_force = replace(in_force, settings=self._with_noise(in_force.settings))
         self._size_px, self._in_force = in_force.size_px, in_force
         return in_force.settings
 
@@ -176,6 +182,17 @@ class GigeCamera:
                 return frame
             if self.clock.now() >= end_s:
                 raise DeviceStalled(f"no frame within {timeout_s:g} s{self._why(in_force)}")
+
+    def _with_noise(self, settings: CameraSettings) -> CameraSettings:
+        """Return the settings with the sensor's noise, where the options tell it."""
+        top = self._options.full_well_electrons / 10 ** (settings.gain_db / 20)
+        if not top:
+            return settings
+        return replace(
+            settings,
+            electrons_per_dn=top / (2**settings.bits - 1),
+            read_noise_electrons=self._options.dark_noise_electrons,
+        )
 
     def _frame(self, delivery: Delivery, in_force: InForce) -> RawFrame | None:
         counter = self._ids.count(delivery.frame_id)
