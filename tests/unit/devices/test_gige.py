@@ -128,13 +128,25 @@ def test_a_trigger_clears_what_is_left_and_bounds_the_exposure(port, camera):
     assert frame.exposure_start_s >= before
 
 
+def test_a_line_triggers_by_itself_and_an_incomplete_frame_is_passed_over(port, camera):
+    arm(camera, trigger="hardware")
+    port.coming.append(buffer(1, picture(1)))
+    camera.trigger()
+    assert not port.coming
+    assert port.executed == ["AcquisitionStart"]
+    port.coming += [buffer(2, status=3), buffer(3, picture(3), arrived_s=50.0)]
+    frame = camera.read(1.0)
+    assert frame.image[0, 0] == 3
+    assert frame.exposure_end_s == pytest.approx(50.0 - 0.002)
+
+
 def test_without_a_trigger_it_stalls_and_says_so(port, camera):
     arm(camera, trigger="hardware")
     with pytest.raises(DeviceStalled, match=r"within 0\.05 s: check that the trigger \(hardware\)"):
         camera.read(0.05)
-    with pytest.raises(UsageError, match="'hardware'; arm it with 'software'"):
-        camera.trigger()
     arm(camera)
+    with pytest.raises(UsageError, match="runs freely; arm it with trigger 'software' or 'hardware'"):
+        camera.trigger()
     with pytest.raises(DeviceStalled, match="sends nothing; look at the firewall"):
         camera.read(0.05)
 

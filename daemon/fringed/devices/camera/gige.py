@@ -148,20 +148,19 @@ class GigeCamera:
                 self._port.stop()
 
     def trigger(self) -> None:
-        """Start one integration; only when armed with trigger "software"."""
+        """Start one integration; with trigger "hardware" the line does that, and this only forgets what is waiting."""
         in_force = self._armed()
-        if in_force.settings.trigger != "software":
-            raise UsageError(
-                f"the camera is armed with trigger {in_force.settings.trigger!r}; arm it with 'software' to trigger it"
-            )
+        if in_force.settings.trigger == "free-running":
+            raise UsageError("the camera runs freely; arm it with trigger 'software' or 'hardware' to trigger it")
         self._look()  # a command to a camera that is gone would take 5 s to fail
         while self._port.pop(0.0) is not None:  # whatever is left of the past
             pass
-        self._triggered_s = self.clock.now()
-        self._port.execute("TriggerSoftware")
+        if in_force.settings.trigger == "software":
+            self._triggered_s = self.clock.now()
+            self._port.execute("TriggerSoftware")
 
     def read(self, timeout_s: float) -> RawFrame:
-        """Return the next frame. Free-running, incomplete ones are passed over and show as a gap in the counters.
+        """Return the next frame. Incomplete ones are passed over and show as a gap in the counters.
 
         Raises
         ------
@@ -170,7 +169,7 @@ class GigeCamera:
         DeviceAbsent
             the camera does not answer any more.
         ProtocolError
-            a triggered frame came incomplete, or what came is no frame of the format that was set.
+            a frame that was triggered by software came incomplete, or what came is no frame of the format that was set.
         """
         in_force = self._armed()
         end_s = self.clock.now() + timeout_s
@@ -199,7 +198,7 @@ class GigeCamera:
         if not delivery.complete:
             reason = STATUS.get(delivery.status, f"of state {delivery.status}")
             self.incomplete[reason] += 1
-            if in_force.settings.trigger == "free-running":
+            if in_force.settings.trigger != "software":  # the next one comes by itself
                 return None
             raise ProtocolError(f"frame {counter} came {reason}{self._losses()}")
         if (delivery.size_px, BY_CODE.get(delivery.pixel_code)) != (in_force.size_px, BY_CODE[in_force.form.code]):

@@ -178,8 +178,9 @@ class WebcamCamera:
         device = self._opened()
         gain = self._gain(settings)
         self.disarm()
+        automatics = fix_automatics(device.capture)  # first: some cameras take an exposure only without them
         exposure = fix_exposure(device.capture, settings.exposure_us)
-        device.controls = (*fix_automatics(device.capture), exposure, fix_gain(device.capture, gain))
+        device.controls = (*automatics, exposure, fix_gain(device.capture, gain))
         refused = [str(control) for control in device.controls if control.outcome == "refused"]
         if refused and self._options.strict:
             raise DeviceError(
