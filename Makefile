@@ -4,14 +4,18 @@ PYTHON ?= python3
 VENV ?= .venv
 OUTPUT ?= demo-output
 REPRODUCED ?= reproduced
+HARDWARE ?= demo-hardware
 BIN := $(VENV)/bin
 
-.PHONY: install demo test check unit bench reproduce pictures packages dev clean
+.PHONY: install demo demo-hardware test check unit bench reproduce pictures packages dev clean
 
 install: $(VENV)/.installed  ## the station in its own environment
 
 demo: install  ## scan a face and a mould on a simulated rig, end with models, pictures and a report
 	$(BIN)/fringe demo --output $(OUTPUT)
+
+demo-hardware: packages dev  ## the real drivers, a real window and real ports on an emulated laboratory
+	$(BIN)/python tools/demo_hardware.py --output $(HARDWARE)
 
 test: packages dev check demo unit  ## everything that CI runs
 

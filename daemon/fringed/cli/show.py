@@ -11,9 +11,9 @@ from pathlib import Path
 
 import click
 
-from fringed.cli import toml
 from fringed.cli.configuration import configuration
 from fringed.config import effective
+from fringed.config import toml_text as toml
 
 
 def show_configuration(path: Path | None, settings: Iterable[str], as_json: bool) -> None:

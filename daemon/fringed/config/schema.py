@@ -32,7 +32,9 @@ class LogConfig(Section, frozen=True, kw_only=True):
 class DeviceConfig(Section, frozen=True, kw_only=True):
     """Which driver runs a device, with the driver's own options."""
 
-    driver: Annotated[str, Meta(min_length=1, description="none, sim, replay, one of docs/devices.md, or a plug-in's driver")] = "none"
+    driver: Annotated[
+        str, Meta(min_length=1, description="none, sim, replay, one of docs/devices.md, or a plug-in's driver")
+    ] = "none"
     options: dict[str, Any] = {}
 
 

@@ -9,10 +9,10 @@ import tomllib
 import pytest
 from click.testing import CliRunner
 
-from fringed.cli import toml
 from fringed.cli.configuration import configuration, parsed_settings
 from fringed.cli.main import cli, main
 from fringed.config import StationConfig, effective, simulated_station, validate
+from fringed.config import toml_text as toml
 from fringed.errors import ConfigurationError, UsageError
 
 
