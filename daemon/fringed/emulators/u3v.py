@@ -137,8 +137,10 @@ class EmulatedUsb(IBackend):  # type: ignore[misc]  # PyUSB has no types
         data: array[int],
         timeout: int,
     ) -> int:
-        """Return a string descriptor."""
+        """Return the status (request 0), or a string descriptor."""
         _require(dev_handle)
+        if bRequest == 0:
+            return _into(data, bytes(2))
         index = wValue & 0xFF
         serial = dev_handle.identity.serial if isinstance(dev_handle, EmulatedU3vCamera) else dev_handle.serial
         text = b"\x09\x04" if index == 0 else ("fringed", "emulated", serial)[index - 1].encode("utf-16-le")

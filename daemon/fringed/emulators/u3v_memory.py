@@ -21,6 +21,7 @@ ALIGNMENT_BITS = 2
 WIDTH, HEIGHT, PIXEL_FORMAT, PAYLOAD = (FEATURES_AT + offset for offset in (0x00, 0x04, 0x08, 0x0C))
 EXPOSURE_TICKS, GAIN, TRIGGER, TRIGGER_SOURCE = (FEATURES_AT + offset for offset in (0x10, 0x14, 0x18, 0x1C))
 ACQUISITION, TRIGGER_SOFTWARE, PERIOD_US, EXPOSURE_AUTO = (FEATURES_AT + offset for offset in (0x20, 0x24, 0x28, 0x30))
+BLACK_LEVEL, TEMPERATURE, ACTIVATION, GAMMA = (FEATURES_AT + offset for offset in (0x34, 0x38, 0x3C, 0x40))
 TICK_US = 0.5
 SOURCES = ("Software", "Line0", "Line1")
 
@@ -126,6 +127,8 @@ class CameraMemory:
             self.put(address, number)
         self.put(PIXEL_FORMAT, BY_NAME[me.formats[0]].code)
         self.put(EXPOSURE_AUTO, 2)
+        self.put(GAMMA, 1)
+        self.put(TEMPERATURE, 41.5)
 
 
 def _zipped(xml: bytes) -> bytes:
@@ -180,6 +183,13 @@ def description(identity: EmulatedIdentity) -> str:
         _register("TriggerModeReg", TRIGGER, kind="MaskedIntReg", more="<Bit>0</Bit>"),
         _choice("TriggerSource", {name: index for index, name in enumerate(SOURCES)}, "TriggerSourceReg"),
         _register("TriggerSourceReg", TRIGGER_SOURCE),
+        _choice("TriggerActivation", {"RisingEdge": 0, "FallingEdge": 1}, "TriggerActivationReg"),
+        _register("TriggerActivationReg", ACTIVATION),
+        '<Boolean Name="GammaEnable"><pValue>GammaReg</pValue></Boolean>',
+        _register("GammaReg", GAMMA),
+        '<Integer Name="BlackLevel"><pValue>BlackLevelReg</pValue><Min>0</Min><Max>64</Max></Integer>',
+        _register("BlackLevelReg", BLACK_LEVEL),
+        _register("DeviceTemperature", TEMPERATURE, "RO", "FloatReg"),
         _command("TriggerSoftware", 1, "TriggerSoftwareReg"),
         _register("TriggerSoftwareReg", TRIGGER_SOFTWARE, "WO"),
         _choice("AcquisitionMode", {"Continuous": 0}, "AcquisitionModeReg"),

@@ -3,6 +3,7 @@
 import errno
 import threading
 import time
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -21,9 +22,11 @@ from fringed.errors import (
     DeviceAbsent,
     DeviceError,
     DeviceStalled,
+    FringedError,
     ProtocolError,
     UsageError,
 )
+from fringed.hookspecs import Adjustable, Watched
 
 WIDTH, HEIGHT = 61, 40
 SHORT = 4096  # bytes of a transfer: a frame has several
@@ -193,7 +196,7 @@ def test_without_a_clock_of_its_own_the_arrival_tells_the_time():
 def test_a_stamp_from_the_future_is_named(bench):
     bench.arm()
     bench.emulated._boot_s -= 100.0
-    bench.camera._synchronised_s = float("inf")
+    bench.camera._times._synchronised_s = float("inf")
     bench.emulated._ticks = lambda time_s: round(
         (time_s + 50.0 if time_s < time.monotonic() - 0.001 else time_s) * 1.25e8
     )
@@ -323,6 +326,26 @@ def test_with_5_percent_of_transfers_lost_every_frame_is_right_or_named():
     assert named > 3
 
 
+def test_running_freely_incomplete_frames_can_be_passed_over():
+    bench = Bench(options={"incomplete_frames": "pass-over"})
+    bench.camera.open()
+    bench.arm(trigger="free-running")
+    bench.emulated.faults.lose_next.extend(["payload"] * 2)
+    frame = bench.camera.read(5.0)
+    assert bench.camera.incomplete in (1, 2)  # both may be of one frame
+    assert frame.counter == 1 + bench.camera.incomplete
+    assert np.array_equal(frame.image, bench.scene.taken[frame.counter - 1][2])
+    bench.emulated.faults.lost_fraction = 1.0
+    with pytest.raises(DeviceStalled, match=r"were incomplete, the last: block \d is incomplete"):
+        bench.camera.read(0.1)
+    bench.arm(trigger="software")
+    bench.emulated.faults.lost_fraction = 0.0
+    bench.emulated.faults.lose_next.append("payload")
+    with pytest.raises(ProtocolError, match="block 0 is incomplete"):
+        bench.shoot()
+    bench.camera.close()
+
+
 # What goes wrong with the cable and the bus.
 
 
@@ -449,6 +472,58 @@ def test_a_camera_whose_registers_are_nonsense_is_named():
         assert bench.bus.opened == 0
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_whatever_a_device_answers_only_named_errors_leave(seed):
+    random = np.random.default_rng(seed)
+    bench = Bench(options={"control_timeout_ms": 10})
+    answer = bench.emulated.answer
+
+    def damaged():
+        data = bytearray(answer() or b"")
+        if data and random.random() < 0.05:
+            data[int(random.integers(0, len(data)))] ^= int(random.integers(1, 256))
+        return bytes(data) or None
+
+    bench.emulated.answer = damaged
+    with suppress(FringedError):
+        bench.camera.open()
+        bench.arm()
+        bench.shoot(0.05)
+    bench.camera.close()
+    assert bench.bus.opened == 0
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_whatever_a_camera_says_of_itself_only_named_errors_leave(seed):
+    random = np.random.default_rng(seed)
+    bench = Bench(zipped=bool(seed % 2), options={"control_timeout_ms": 10})
+    for region in bench.emulated.memory._regions.values():
+        for _ in range(3):
+            region[int(random.integers(0, len(region)))] ^= int(random.integers(1, 256))
+    with suppress(FringedError):
+        bench.camera.open()
+        bench.arm()
+        bench.shoot(0.05)
+    bench.camera.close()
+    assert bench.bus.opened == 0
+
+
+def test_a_start_that_fails_half_way_leaves_the_camera_free(bench):
+    started = bench.camera._control.features.execute
+
+    def refusing(name):
+        if name == "AcquisitionStart":
+            raise ProtocolError("the camera refused to start")
+        started(name)
+
+    bench.camera._control.features.execute = refusing
+    with pytest.raises(ProtocolError, match="refused to start"):
+        bench.arm()
+    bench.camera._control.features.execute = started
+    bench.arm(bits=10)
+    assert bench.shoot()
+
+
 def test_an_error_of_the_bus_is_a_device_error(bench, monkeypatch):
     from usb.core import USBError
 
@@ -459,6 +534,57 @@ def test_an_error_of_the_bus_is_a_device_error(bench, monkeypatch):
     monkeypatch.setattr(bench.bus, "bulk_write", broken)
     with pytest.raises(DeviceError, match="check the cable"):
         bench.camera.trigger()
+
+
+def test_what_bends_the_numbers_is_turned_off(bench):
+    assert bench.camera._control.features.number("GammaEnable") == 1
+    bench.arm()
+    assert bench.camera._control.features.number("GammaEnable") == 0
+
+
+def test_its_own_settings_are_read_and_set(bench):
+    settings = {one.name: one for one in bench.camera.settings()}
+    assert isinstance(bench.camera, Adjustable)
+    assert list(settings) == ["DeviceTemperature", "BlackLevel", "TriggerActivation"]
+    assert (settings["DeviceTemperature"].value, settings["DeviceTemperature"].writable) == (41.5, False)
+    assert (settings["BlackLevel"].least, settings["BlackLevel"].most) == (0, 64)
+    assert settings["TriggerActivation"].choices == ("RisingEdge", "FallingEdge")
+    bench.camera.adjust("BlackLevel", 12)
+    bench.camera.adjust("TriggerActivation", "FallingEdge")
+    values = {one.name: one.value for one in bench.camera.settings()}
+    assert (values["BlackLevel"], values["TriggerActivation"]) == (12, "FallingEdge")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("BlackLevel", 65, "0 to 64"),
+        ("BlackLevel", "high", "0 to 64"),
+        ("TriggerActivation", "Both", "RisingEdge, FallingEdge"),
+        ("DeviceTemperature", 20, "BlackLevel, TriggerActivation"),
+        ("OffsetX", 4, "BlackLevel, TriggerActivation"),
+        ("Width", 4, "BlackLevel, TriggerActivation"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused(bench, name, value, told):
+    with pytest.raises(UsageError, match=told):
+        bench.camera.adjust(name, value)
+
+
+def test_nothing_is_set_while_it_is_armed(bench):
+    bench.arm()
+    with pytest.raises(UsageError, match="armed"):
+        bench.camera.adjust("BlackLevel", 1)
+
+
+def test_a_camera_that_has_gone_while_it_rests_is_noticed(bench):
+    assert isinstance(bench.camera, Watched)
+    bench.camera.check()
+    bench.emulated.unplug()
+    with pytest.raises(DeviceAbsent, match="unplugged"):
+        bench.camera.check()
+    with pytest.raises(DeviceAbsent, match="open it"):
+        bench.camera.check()
 
 
 def make_backend():

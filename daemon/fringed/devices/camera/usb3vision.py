@@ -6,6 +6,7 @@ Owns the order of things: open, arm, frames, times, counters. Bytes are in `frin
 
 from __future__ import annotations
 
+import logging
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -14,14 +15,16 @@ from fringed.data import Array, CameraSettings
 from fringed.devices.camera.base import MachineClock, checked_image
 from fringed.devices.camera.usb3vision_control import Usb3VisionControl
 from fringed.devices.camera.usb3vision_options import Usb3VisionOptions
+from fringed.devices.camera.usb3vision_settings import adjust, own_settings
+from fringed.devices.camera.usb3vision_times import ExposureTimes
 from fringed.devices.camera.usb3vision_usb import TransferLost, Usb3VisionLink, load_backend
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled, ProtocolError, UsageError
-from fringed.hookspecs import Camera, Clock, Driver, RawFrame
-from fringed.protocols.u3v import Block, BlockAssembler
+from fringed.hookspecs import Camera, Clock, Driver, RawFrame, Setting
+from fringed.protocols.u3v import Block, BlockAssembler, TransferPlan
 from fringed.protocols.u3v_pixels import BY_NAME, PixelFormat, decode_image, format_of
 
-SYNCHRONISE_EVERY_S = 2.0  # 50 ppm between two quartzes make 0.1 ms in that time
-TOLERANCE_S = 0.02
+log = logging.getLogger(__name__)
+
 _BEGUN_S = 0.1
 _PLANES = {"red": 0, "green": 1, "blue": 2}
 
@@ -49,7 +52,9 @@ class Usb3VisionCamera:
         self._size_px = (self._options.width_px, self._options.height_px)
         self._period_s = 0.0
         self._counter = self._base = 0
-        self._triggered_s = self._synchronised_s = float("-inf")
+        self._times: ExposureTimes | None = None
+        self.incomplete = 0
+        self._last_broken = ""
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -105,16 +110,23 @@ class Usb3VisionCamera:
         try:
             in_force, self._pixels = control.configure(settings)
             self._size_px = control.size_px()
-            if self._options.time_stamps == "camera":
-                self._synchronise(control)
-            self._assembler = BlockAssembler(control.start())
+            self._times = ExposureTimes(control, self._options, self.clock, in_force.exposure_us * 1e-6)
+            self._assembler = BlockAssembler(self._started(control))
             self._settings = self._with_noise(in_force)
             self._period_s = self._shortest_s()
         except DeviceAbsent:
             self._forget()
             raise
-        self._base, self._triggered_s = self._counter, float("-inf")
+        self._base, self.incomplete = self._counter, 0
         return replace(self._settings)
+
+    def _started(self, control: Usb3VisionControl) -> TransferPlan:
+        try:
+            return control.start()
+        except DeviceError:  # half started, it would refuse other settings
+            with suppress(DeviceError):
+                control.stop()
+            raise
 
     def disarm(self) -> None:
         """Stop acquisition; harmless when not armed."""
@@ -129,11 +141,11 @@ class Usb3VisionCamera:
 
     def trigger(self) -> None:
         """Start one integration; only when armed with a trigger."""
-        control, _ = self._require_armed()
+        control, _, times = self._require_armed()
         if self._settings.trigger == "free-running":
             raise UsageError("the camera runs freely; arm it with trigger 'software' or 'hardware' to trigger it")
         if self._settings.trigger == "software":
-            self._triggered_s = self.clock.now()
+            times.triggered()
             try:
                 control.trigger()
             except DeviceAbsent:
@@ -152,17 +164,51 @@ class Usb3VisionCamera:
         ProtocolError
             a frame is incomplete, or of another format than was set; the next one can be read.
         """
-        control, assembler = self._require_armed()
+        _, assembler, times = self._require_armed()
         deadline = self.clock.now() + timeout_s
         try:
-            self._resynchronise(control)
-            while (block := self._next(assembler, deadline)) is None:
+            times.keep_up()
+            while (block := self._awaited(assembler, deadline)) is None:
                 if self.clock.now() >= deadline:
                     raise DeviceStalled(self._silence(timeout_s))
-            return self._frame(control, block)
+            return self._frame(times, block)
         except DeviceAbsent:
             self._forget()
             raise
+
+    def check(self) -> None:
+        """Notice a camera that has gone while it rests; raises DeviceAbsent."""
+        self._require_open()
+        assert self._link is not None
+        try:
+            self._link.check()
+        except DeviceAbsent:
+            self._forget()
+            raise
+
+    def settings(self) -> tuple[Setting, ...]:
+        """Ask the camera for its own settings."""
+        return own_settings(self._require_open().features)
+
+    def adjust(self, name: str, value: bool | float | str) -> None:
+        """Set one of them; raises UsageError for what it has not, or while it is armed."""
+        control = self._require_open()
+        if self._assembler is not None:
+            raise UsageError(f"{name} cannot be set while the camera is armed: wait for the scan's end")
+        adjust(control.features, name, value)
+        self._size_px = control.size_px()
+
+    def _awaited(self, assembler: BlockAssembler, deadline: float) -> Block | None:
+        """Fetch one transfer; pass over an incomplete frame where that is wanted and another one comes by itself."""
+        try:
+            return self._next(assembler, deadline)
+        except ProtocolError as error:
+            self.incomplete += 1
+            self._last_broken = error.message
+            if self._options.incomplete_frames == "fail" or self._settings.trigger != "free-running":
+                raise
+            log.warning("a frame is passed over: %s", error.message)
+            return None
 
     def _next(self, assembler: BlockAssembler, deadline: float) -> Block | None:
         """Fetch one transfer; return the block that it completes."""
@@ -179,7 +225,7 @@ class Usb3VisionCamera:
             assembler.lost(str(lost))
         return None if transfer is None else assembler.feed(transfer)
 
-    def _frame(self, control: Usb3VisionControl, block: Block) -> RawFrame:
+    def _frame(self, times: ExposureTimes, block: Block) -> RawFrame:
         arrived_s, leader = self.clock.now(), block.leader
         self._counter = self._base + leader.block_id + 1
         pixels = format_of(leader.pixel_format)
@@ -189,7 +235,7 @@ class Usb3VisionCamera:
                 f"{self._size_px[0]} x {self._size_px[1]} of {self._pixels.name}: arm it again, close other programs"
             )
         image = decode_image(block.payload, pixels, self._size_px, leader.x_padding)
-        start_s = self._start_s(control, leader.time_stamp, arrived_s)
+        start_s = times.start_s(leader.time_stamp, arrived_s)
         exposure_s = self._settings.exposure_us * 1e-6
         return RawFrame(self._selected(image), self._counter, start_s, min(arrived_s, start_s + exposure_s))
 
@@ -198,38 +244,6 @@ class Usb3VisionCamera:
         if image.ndim == 3 and channel in _PLANES:
             image = image[:, :, _PLANES[channel]].copy()
         return checked_image(image, self._size_px, self._settings.bits, 3 if channel == "rgb" else 1)
-
-    def _start_s(self, control: Usb3VisionControl, stamp: int, arrived_s: float) -> float:
-        """Return when the exposure began, between the trigger and the latest that the frame's arrival allows."""
-        exposure_s = self._settings.exposure_us * 1e-6
-        latest_s = arrived_s - exposure_s
-        if self._options.time_stamps == "arrival":
-            return latest_s - self._options.readout_ms / 1000
-        start_s = self._stamped_s(control, stamp)
-        if start_s > latest_s + TOLERANCE_S:
-            self._synchronise(control)
-            start_s = self._stamped_s(control, stamp)
-        if start_s > latest_s + TOLERANCE_S:
-            raise ProtocolError(
-                f"the camera's time stamp says that an exposure ended {start_s - latest_s:.3f} s after its frame came: "
-                "set camera.options.stamp_marks, or time_stamps to 'arrival'"
-            )
-        start_s = min(start_s, latest_s)
-        # The two clocks are known to each other within the time of a command: no frame begins before its trigger.
-        return self._triggered_s if 0 < self._triggered_s - start_s < TOLERANCE_S / 20 else start_s
-
-    def _stamped_s(self, control: Usb3VisionControl, stamp: int) -> float:
-        moment_s = control.on_rig_clock(stamp)
-        marks_end = self._options.stamp_marks == "exposure-end"
-        return moment_s - self._settings.exposure_us * 1e-6 if marks_end else moment_s
-
-    def _resynchronise(self, control: Usb3VisionControl) -> None:
-        if self._options.time_stamps == "camera" and self.clock.now() - self._synchronised_s > SYNCHRONISE_EVERY_S:
-            self._synchronise(control)
-
-    def _synchronise(self, control: Usb3VisionControl) -> None:
-        control.synchronise()
-        self._synchronised_s = self.clock.now()
 
     def _shortest_s(self) -> float:
         assert self._control is not None
@@ -252,7 +266,8 @@ class Usb3VisionCamera:
             "software": "trigger it, or check that it takes triggers this fast",
             "hardware": f"check the pulses on its {self._options.trigger_line}",
         }[waits]
-        return f"the camera delivered no frame within {timeout_s:g} s ({waits}): {advice}"
+        broken = f"; {self.incomplete} were incomplete, the last: {self._last_broken}" if self.incomplete else ""
+        return f"the camera delivered no frame within {timeout_s:g} s ({waits}): {advice}{broken}"
 
     def _forget(self) -> None:
         self._assembler = self._control = None
@@ -265,11 +280,11 @@ class Usb3VisionCamera:
             raise DeviceAbsent("the USB3 Vision camera is closed or has vanished: open it")
         return self._control
 
-    def _require_armed(self) -> tuple[Usb3VisionControl, BlockAssembler]:
+    def _require_armed(self) -> tuple[Usb3VisionControl, BlockAssembler, ExposureTimes]:
         control = self._require_open()
-        if self._assembler is None:
+        if self._assembler is None or self._times is None:
             raise DeviceError("the camera is not armed: call arm first")
-        return control, self._assembler
+        return control, self._assembler, self._times
 
 
 def create(options: Usb3VisionOptions, context: Any) -> Camera:

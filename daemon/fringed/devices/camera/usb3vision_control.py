@@ -76,6 +76,7 @@ class Usb3VisionControl:
         for automatic in ("ExposureAuto", "GainAuto"):
             self._set_if_there(automatic, "Off")
         self._set_if_there("AcquisitionFrameRateEnable", 0)  # a limited rate would limit the exposure
+        self._straighten()
         exposure_us, gain_db = self._set_exposure(asked.exposure_us), self._set_gain(asked.gain_db)
         self._set_trigger(asked.trigger)
         in_force = CameraSettings(
@@ -177,6 +178,13 @@ class Usb3VisionControl:
         for name, wanted in (("Width", self._options.width_px), ("Height", self._options.height_px)):
             if wanted:
                 self.features.set(name, wanted)
+
+    def _straighten(self) -> None:
+        """Turn off what bends the numbers: phase is measured in light."""
+        self._set_if_there("BalanceWhiteAuto", "Off")
+        self._set_if_there("GammaEnable", 0)
+        if self.features.has("Gamma") and not self.features.has("GammaEnable"):
+            self.features.set("Gamma", 1)
 
     def _set_exposure(self, asked_us: float) -> float:
         name = self._options.exposure_feature

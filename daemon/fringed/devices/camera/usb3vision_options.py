@@ -36,6 +36,10 @@ class Usb3VisionOptions(Params, frozen=True, kw_only=True):
     ] = 0.0
     full_well_electrons: Annotated[float, Meta(gt=0, description="electrons at the greatest number [R]")] = 13000.0
     read_noise_electrons: Annotated[float, Meta(gt=0, description="electrons of noise in the dark [R]")] = 12.0
+    incomplete_frames: Annotated[
+        Literal["fail", "pass-over"],
+        Meta(description="when running freely; pass-over: wait for the next, which shows a gap in the counters"),
+    ] = "fail"
     control_timeout_ms: Annotated[
         int,
         Meta(ge=10, le=10000, description="how long to wait for an answer", extra_json_schema={"units": "ms"}),

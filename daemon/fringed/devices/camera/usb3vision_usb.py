@@ -25,6 +25,7 @@ from fringed.protocols.u3v_registers import CLASS, CONTROL_PROTOCOL, STREAM_PROT
 _GONE = {errno.ENODEV, errno.ENXIO, errno.ENOENT, errno.ESHUTDOWN}
 _READ_BYTES = 1 << 16
 _TRIES = 3
+_GET_STATUS, _STATUS_MS = 0, 100
 _PERMISSION = "this user may not use it: install the udev rules (`fringed doctor` says how) and plug it in again"
 
 
@@ -135,6 +136,12 @@ class Usb3VisionLink:
                 raise TransferLost(str(error)) from error
             self._translate(error, "deliver a frame")
         return memoryview(buffer)[:count]
+
+    def check(self) -> None:
+        """See that the camera is still there, by the status that every USB device tells."""
+        device, _ = self._require()
+        with self._named("tell its status"):
+            device.ctrl_transfer(usb.util.CTRL_IN, _GET_STATUS, 0, 0, 2, _STATUS_MS)
 
     def reset_stream(self) -> None:
         """Clear a halt of the stream's endpoint."""
