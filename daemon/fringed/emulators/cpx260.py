@@ -2,8 +2,8 @@
 
 Owns the ports, the real time and the control line: one JSON object a line on standard input, one a line back.
 
-    {"do": "drop", "count": 2}          the next replies do not come ("nak", "junk" likewise)
-    {"do": "chance", "value": 0.05}     each reply is dropped, refused or preceded by junk so often
+    {"do": "drop", "count": 2}          the next replies do not come ("nak", "junk", "late" likewise)
+    {"do": "chance", "value": 0.05}     each reply is dropped, refused, disturbed or late so often
     {"do": "noise", "size": 20}         junk now
     {"do": "unplug", "seconds": 0.5}    the ports vanish, and come back ("plug" brings them back at once)
     {"do": "hang-up"}                   TCP connections end
@@ -91,7 +91,7 @@ class Emulator:
     def control(self, order: Mapping[str, Any], now_s: float) -> dict[str, Any]:
         """Do what a control line says and return what to tell; raises UsageError for what none does."""
         match order.get("do"):
-            case "drop" | "nak" | "junk" as what:
+            case "drop" | "nak" | "junk" | "late" as what:
                 setattr(self.projector.faults, what, int(order.get("count", 1)))
             case "chance":
                 self.projector.faults = Faults(chance=float(order["value"]))

@@ -110,7 +110,8 @@ class Conversation:
                 continue
             reply = self._projector.receive(command, now_s) if self._trusted else encode_reply(AuthenticationError())
             if reply:
-                self._say(reply + tag, now_s + FRAME_SIZE * self._manner.byte_s + self._manner.latency_s)
+                usual_s = now_s + FRAME_SIZE * self._manner.byte_s + self._manner.latency_s
+                self._say(reply + tag, usual_s + self._projector.delay_s)
 
     def _plain(self) -> list[tuple[Command | None, bytes]]:
         self._reader.feed(self._buffer)

@@ -38,6 +38,9 @@ def _start() -> dict[int, int]:
     }  # fmt: skip
 
 
+FAULTS = ("drop", "nak", "junk", "late")
+
+
 @dataclass
 class Faults:
     """What goes wrong on request: counts of the next replies, or a chance for each."""
@@ -45,15 +48,16 @@ class Faults:
     drop: int = 0
     nak: int = 0
     junk: int = 0
+    late: int = 0
     chance: float = 0.0
 
     def next(self, dice: random.Random) -> str:
-        """Return "drop", "nak", "junk" or nothing for the next reply."""
-        for name in ("drop", "nak", "junk"):
+        """Return "drop", "nak", "junk", "late" or nothing for the next reply."""
+        for name in FAULTS:
             if (count := getattr(self, name)) > 0:
                 setattr(self, name, count - 1)
                 return name
-        return dice.choice(("drop", "nak", "junk")) if dice.random() < self.chance else ""
+        return dice.choice(FAULTS) if dice.random() < self.chance else ""
 
 
 @dataclass
@@ -68,6 +72,8 @@ class Projector:
     registers: dict[int, int] = field(default_factory=_start)
     faults: Faults = field(default_factory=Faults)
     counts: dict[str, int] = field(default_factory=dict)
+    late_s: float = 0.7
+    delay_s: float = 0.0
     _until: tuple[str, float] | None = None
     _on: bool = False
     _strike_s: float | None = None
@@ -101,12 +107,16 @@ class Projector:
         return early
 
     def receive(self, command: Command | None, now_s: float) -> bytes:
-        """Return the reply to a command, None for one whose CRC is wrong; nothing where it stays silent."""
+        """Return the reply to a command, None for one whose CRC is wrong; nothing where it stays silent.
+
+        It is to be sent `delay_s` later than usual.
+        """
         self._count("commands")
         if command is None:
             self._count("bad crc")
             return encode_reply(Nak())
         fault = self.faults.next(self.dice)
+        self.delay_s = self.late_s if fault == "late" else 0.0
         self._count(f"fault {fault}", bool(fault))
         if fault == "nak":
             return encode_reply(Nak())

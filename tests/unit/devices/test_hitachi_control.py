@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from contextlib import nullcontext, suppress
 
 import pytest
 from hitachi_lab import Lab
@@ -167,6 +168,20 @@ def test_commands_keep_40_ms_from_the_last_reply():
     for _ in range(5):
         hasty.control.error()
     assert hasty.projector.counts["early"] > 0
+
+
+@pytest.mark.parametrize("late_s", [0.3, 0.49, 0.51, 0.55, 0.62, 0.66, 0.7, 1.0, 1.2, 1.3, 2.0, 2.5])
+def test_replies_that_come_at_any_later_time_are_never_anothers(late_s):
+    lab = Lab(late_s=late_s).lit()
+    for name, code in (("rgb2", 4), ("rgb1", 0)) * 3:
+        with suppress(DeviceError) if late_s >= 2.0 else nullcontext():  # longer than all its attempts: an error
+            for ask, right in ((lab.control.lamp_hours, 812), (lab.control.filter_hours, 90)):
+                lab.projector.faults.late = 1
+                assert ask() == right
+            lab.projector.faults.late = 1
+            lab.control.select_input(name)
+            assert lab.projector.registers[codes.INPUT] == code
+            assert lab.control.error().code == 0
 
 
 @pytest.mark.parametrize("fault", ["drop", "nak", "junk"])
