@@ -11,6 +11,7 @@ from pathlib import Path
 from fringed.cli.doctor_devices import INSTALL
 from fringed.cli.doctor_findings import Finding, Findings
 from fringed.finding import Installed, Machine, cameras, installed, serial_ports
+from fringed.finding.naming import named_ids
 from fringed.finding.reading import entries, text
 
 _GROUPS = ("dialout", "video", "render", "input", "tty")
@@ -22,7 +23,7 @@ def service_findings(machine: Machine) -> Findings:
     """Yield what holds for rules, links and unit."""
     there = installed(machine.root)
     yield from _rules(machine, there)
-    yield from _links(there)
+    yield from _links(machine, there)
     yield from _unit(machine, there)
 
 
@@ -39,7 +40,7 @@ def _rules(machine: Machine, there: Installed) -> Findings:
         yield Finding("ok", "udev rules", "not installed; a simulated rig needs none", INSTALL)
 
 
-def _links(there: Installed) -> Findings:
+def _links(machine: Machine, there: Installed) -> Findings:
     for name in there.dangling:
         yield Finding("warn", f"link {name}", "it leads nowhere: the device was unplugged and udev did not notice",
                       "plug the device in again, or: sudo udevadm trigger")  # fmt: skip
@@ -50,11 +51,11 @@ def _links(there: Installed) -> Findings:
         yield Finding("ok", "udev links", "none in /dev/fringed: nothing that the rules know is plugged in",
                       "where something is: sudo udevadm control --reload && sudo udevadm trigger")  # fmt: skip
     if there.names:
-        for role in ("projector", "camera"):
+        for role in named_ids(text(machine.root / there.names.lstrip("/"))):
             if not any(name.startswith(f"/dev/fringed/{role}") for name in there.links):
                 yield Finding("warn", f"the {role}'s name", f"there is no /dev/fringed/{role}",
                               f"plug the {role} in; fringed devices shows its id, {there.names} the one that is "
-                              f"expected. Where the {role} has no such line, ignore this")  # fmt: skip
+                              "expected")  # fmt: skip
 
 
 def _unit(machine: Machine, there: Installed) -> Findings:

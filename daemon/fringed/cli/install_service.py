@@ -30,7 +30,8 @@ from fringed.cli.install_files import (
     plan_removal,
 )  # fmt: skip
 from fringed.errors import EXIT_OK, NotFound, StorageError, UsageError
-from fringed.finding.naming import name_rules
+from fringed.finding.naming import name_rules, named_ids
+from fringed.finding.reading import text
 
 UNIT, CONFIG = "/etc/systemd/system/fringed.service", "/etc/fringed/station.toml"
 SYSUSERS, TMPFILES = "/etc/sysusers.d/fringed.conf", "/etc/tmpfiles.d/fringed.conf"
@@ -40,7 +41,7 @@ _SOURCES = {UNIT: "fringed.service", RULES: "60-fringed.rules", SYSUSERS: "sysus
 _EXEC = re.compile(r"^ExecStart=.*$", re.M)
 _PLAIN_PATH = re.compile(r"/[A-Za-z0-9/._+@-]+")
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
-_COMMAND_TIMEOUT_S = 120
+_COMMAND_TIMEOUT_S, NO_NAME = 120, "none"
 STARTER = b"""\
 # The station's configuration. `fringed show --reference` lists every setting, `fringed check FILE` finds mistakes,
 # `fringed devices` lists what is plugged in. After a change: systemctl reload fringed
@@ -77,6 +78,7 @@ def install(
         something failed half way; everything is as it was.
     """
     base = _base(root)
+    ids = _with_earlier(base, ids)
     files = wanted_files(ids, _program(program, root is not None), config)
     steps = plan_install(base, [*files, manifest_of(base, files)])
     if yes:
@@ -158,6 +160,14 @@ def service_files() -> Path:
             return folder
     tried = ", ".join(dict.fromkeys(map(str, places)))
     raise NotFound(f"the files of the service are in none of {tried}; install fringed again: pip install fringed")
+
+
+def _with_earlier(root: Path, ids: Mapping[str, str]) -> dict[str, str]:
+    """Return the ids asked for, and those of an earlier installation for roles that are not; "none" takes one away."""
+    if not ids:
+        return {}  # the names that are there stay as they are
+    earlier = named_ids(text(place(root, NAMES)))
+    return {role: name for role, name in (earlier | dict(ids)).items() if name != NO_NAME}
 
 
 def _base(root: Path | None) -> Path:

@@ -126,8 +126,8 @@ def devices(as_json: bool, root: Path | None) -> None:
 @click.option("--yes", is_flag=True, help="Write and run; without it, only say what would be.")
 @click.option("--force", is_flag=True, help="Overwrite files that somebody changed.")
 @_ROOT
-@click.option("--projector", metavar="ID", help="Id of the projector's adapter, for /dev/fringed/projector.")
-@click.option("--camera", metavar="ID", help="Id of the camera or its adapter, for /dev/fringed/camera.")
+@click.option("--projector", metavar="ID", help="Id of the projector's adapter: /dev/fringed/projector; none: no name.")
+@click.option("--camera", metavar="ID", help="Id of the camera or its adapter: /dev/fringed/camera; none: no name.")
 @click.option(
     "--program", type=click.Path(path_type=Path), metavar="FILE", help="The fringed to start. Without it: this one."
 )

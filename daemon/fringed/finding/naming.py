@@ -19,7 +19,9 @@ _PATH = re.compile(r"(?:pci|platform)-[A-Za-z0-9:._-]+-usb-0:\d+(\.\d+)*")
 _INTERFACE = re.compile(r"(.+)-if([0-9a-f]{2})")
 _HEAD = """\
 # The devices of this lab by name. Written by `fringed install-service`; to change it, run that again.
+# ids: {ids}
 """
+_IDS = re.compile(r"^# ids: (.*)$", re.M)
 
 
 def name_rules(ids: Mapping[str, str]) -> str:
@@ -35,7 +37,15 @@ def name_rules(ids: Mapping[str, str]) -> str:
             f"{' and '.join(ids)} have the same id {next(iter(ids.values()))!r}; each needs its own, "
             f"as `fringed devices` lists them (an adapter with two ports: NUMBER-if00 and NUMBER-if01)"
         )
-    return "\n".join([_HEAD, *(_rules(role, identity) for role, identity in ids.items())])
+    head = _HEAD.format(ids=" ".join(f"{role}={identity}" for role, identity in ids.items()))
+    return "\n".join([head, *(_rules(role, identity) for role, identity in ids.items())])
+
+
+def named_ids(rules: str) -> dict[str, str]:
+    """Return the ids, by role, that a file of rules was written for; none where it is none of ours."""
+    line = _IDS.search(rules)
+    pairs = [word.partition("=") for word in line[1].split()] if line else []
+    return {role: identity for role, _, identity in pairs if role in ROLES and identity}
 
 
 def _rules(role: str, identity: str) -> str:

@@ -131,6 +131,7 @@ class FakeMachine:
 
     def camera_u3v(self, port: str, serial: str | None, speed: str = "5000") -> str:
         path = self.usb(port, ("2676", "ba02"), serial, speed=speed, product="Bridge 3", manufacturer="Maker")
+        self.write(f"sys/{path}/power/control", "auto\n")
         self.interface(path, 0, U3V_CONTROL)
         self.interface(path, 1, U3V_STREAM)
         return path

@@ -11,6 +11,7 @@ from fringed.cli.doctor_devices import device_findings
 from fringed.cli.doctor_displays import display_findings, video_drivers
 from fringed.cli.doctor_service import service_findings
 from fringed.finding import Machine, User
+from fringed.finding.naming import name_rules
 
 KMS = ("x11", "wayland", "kmsdrm", "dummy")
 PANEL_PX = (1024, 768)
@@ -185,14 +186,16 @@ def test_rules_that_are_missing_matter_where_something_is_plugged_in(tmp_path):
 
 def test_names_that_are_expected_and_absent(tmp_path):
     machine = lab(tmp_path)
-    for name in ("60-fringed.rules", "61-fringed-names.rules"):
-        machine.write(f"etc/udev/rules.d/{name}", "")
+    machine.write("etc/udev/rules.d/60-fringed.rules", "")
+    machine.write("etc/udev/rules.d/61-fringed-names.rules", name_rules({"projector": "FTA1", "camera": "C"}))
     machine.link("dev/fringed/projector", "dev/ttyUSB0")
     machine.link("dev/fringed/serial-X-00", "dev/ttyUSB9")
     found = by_what(service_findings(owner(tmp_path)))
     assert "/dev/fringed/projector -> /dev/ttyUSB0" in found["udev links"].found
     assert found["the camera's name"].level == "warn" and "the projector's name" not in found
     assert "leads nowhere" in found["link /dev/fringed/serial-X-00"].found
+    machine.write("etc/udev/rules.d/61-fringed-names.rules", name_rules({"projector": "FTA1"}))
+    assert "the camera's name" not in by_what(service_findings(owner(tmp_path)))
 
 
 def test_service_that_is_installed_badly(tmp_path):

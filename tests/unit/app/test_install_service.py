@@ -16,6 +16,7 @@ from fringed.cli.install_files import Back, Step, Transaction, Wanted, plan_inst
 from fringed.cli.install_service import CONFIG, DISABLE, ENABLE, NAMES, RULES, UNIT, service_files, wanted_files
 from fringed.cli.main import main
 from fringed.errors import StorageError, UsageError
+from fringed.finding.naming import named_ids
 
 PROGRAM = "/opt/fringed/bin/fringed"
 
@@ -100,6 +101,25 @@ def test_newer_files_of_ours_replace_older_ones(capsys, tmp_path):
     code, out, _ = install(capsys, tmp_path, "--yes", "--projector", "FTB2")
     assert code == 0 and f"replace  {NAMES}" in out
     assert "FTB2" in (tmp_path / NAMES[1:]).read_text() and "FTA1" not in (tmp_path / NAMES[1:]).read_text()
+
+
+def test_name_of_one_device_is_changed_without_the_other_s(capsys, tmp_path):
+    install(capsys, tmp_path, "--yes", "--projector", "FTA1", "--camera", "CAM1")
+    install(capsys, tmp_path, "--yes", "--projector", "FTB2")
+    assert named_ids((tmp_path / NAMES[1:]).read_text()) == {"projector": "FTB2", "camera": "CAM1"}
+    install(capsys, tmp_path, "--yes", "--camera", "none")
+    assert named_ids((tmp_path / NAMES[1:]).read_text()) == {"projector": "FTB2"}
+    code, _, err = install(capsys, tmp_path, "--yes", "--camera", "FTB2")
+    assert code == 2 and "each needs its own" in err
+
+
+def test_installation_that_was_killed_is_finished_by_the_next(capsys, tmp_path):
+    install(capsys, tmp_path, "--yes")
+    (tmp_path / "etc/fringed/installed.json").unlink()
+    (tmp_path / RULES[1:]).unlink()
+    assert install(capsys, tmp_path, "--yes")[0] == 0
+    assert run(capsys, "uninstall-service", "--root", str(tmp_path), "--yes")[0] == 0
+    assert not (tmp_path / UNIT[1:]).exists()
 
 
 def test_changed_file_is_not_overwritten_without_force(capsys, tmp_path):
@@ -281,6 +301,19 @@ def test_read_only_file_system(tmp_path):
     done = in_namespace(tmp_path, "ro")
     assert done.returncode == 1 and done.stdout == ""
     assert "Read-only file system; everything is as it was before" in done.stderr
+
+
+def test_folder_without_permission(tmp_path):
+    setpriv = shutil.which("setpriv")
+    if os.geteuid() == 0 and setpriv is None:
+        pytest.skip("setpriv is needed to take root's rights away")
+    drop = [str(setpriv), "--bounding-set=-dac_override", "--inh-caps=-dac_override"] if os.geteuid() == 0 else []
+    tmp_path.chmod(0o555)
+    command = [*drop, sys.executable, "-m", "fringed", "install-service", "--yes", "--root", str(tmp_path)]
+    done = subprocess.run([*command, "--program", PROGRAM], capture_output=True, text=True, check=False, timeout=100)
+    tmp_path.chmod(0o755)
+    assert done.returncode == 1 and tree(tmp_path) == {}
+    assert "Permission denied; everything is as it was before. Run it as root" in done.stderr
 
 
 def test_no_permission_says_to_be_root(capsys, tmp_path, monkeypatch):

@@ -121,6 +121,7 @@ def test_u3v_camera_has_its_links_group_and_stays_awake(answers):
     assert re.search(r"^CURRENT_TAGS=.*:uaccess:", answer, re.M)
     assert re.search(r"60-fringed\.rules:\d+ GROUP \d+", answer)
     assert re.search(r"60-fringed\.rules:\d+ MODE 0660", answer)
+    assert re.search(r"ATTR '.*/2-1/power/control' writing 'on'", answer)
     assert "SYSTEMD_WANTS=fringed.service" in answer
 
 
@@ -146,6 +147,17 @@ def test_ids_that_no_rule_can_match_are_refused(identity):
 def test_one_id_for_two_roles_is_refused():
     with pytest.raises(UsageError, match="each needs its own"):
         name_rules({"projector": "FTA1", "camera": "FTA1"})
+
+
+def test_newer_udev_verifies_the_rules(tmp_path):
+    udevadm = shutil.which("udevadm")
+    if udevadm is None or subprocess.run([udevadm, "verify", "--help"], capture_output=True, check=False).returncode:
+        pytest.skip("this udevadm has no `verify`: it came with systemd 254")
+    names = tmp_path / "61-fringed-names.rules"
+    names.write_text(name_rules({"projector": "FTA1-if01", "camera": "1-2"}))
+    command = [udevadm, "verify", "--resolve-names=never", str(RULES), str(names)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def rules_of(text: str) -> list[str]:
