@@ -148,8 +148,8 @@ def service_files() -> Path:
     NotFound
         it is in neither place.
     """
-    source = Path(__file__).resolve().parents[3] / "udev"
-    places = [source, Path(__file__).resolve().parents[1] / "udev", Path(sys.prefix) / "share" / "fringed" / "udev"]
+    here, shared = Path(__file__).resolve(), Path("share", "fringed", "udev")
+    places = [here.parents[3] / "udev", here.parents[1] / "udev", Path(sys.prefix) / shared, here.parents[2] / shared]
     try:
         listed = importlib.metadata.files("fringed") or []
     except importlib.metadata.PackageNotFoundError:
