@@ -7,6 +7,10 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from fringed.config import validate
+from fringed.devices.camera.base import MachineClock
+from fringed.devices.camera.webcam import WebcamCamera, WebcamOptions
+
 WIDTH, HEIGHT = 32, 24
 PERIOD_S = 0.005
 VALUES = 200  # a frame's brightness is its number, modulo this
@@ -40,6 +44,9 @@ class Webcam:
     wrong_size: tuple | None = None
     undecodable: bool = False
     lose: int = 0  # frames on the way to the next grab
+    scene: object = None  # (start, end of an exposure) -> brightness; without one it is the frame's number
+    exposure_s: float = 0.002
+    stamp_marks: str = "frame-end"  # its rows are read for a whole period, one after the other
     opened: list = field(default_factory=list)
 
     def open(self, path):
@@ -65,7 +72,7 @@ class Capture:
             cv2.CAP_PROP_FOURCC: fourcc("YUYV"),
             cv2.CAP_PROP_CONVERT_RGB: 1.0,
         }
-        self.frame, self.stamp_s, self.inside, self.released = 0, 0.0, threading.Lock(), False
+        self.frame, self.stamp_s, self.start_s, self.inside, self.released = 0, 0.0, 0.0, threading.Lock(), False
         self.due_s = time.monotonic()
 
     def isOpened(self):
@@ -108,14 +115,17 @@ class Capture:
             time.sleep(max(0.0, self.due_s - time.monotonic()))
             if not self.isOpened():
                 return False
-            self.stamp_s = self.due_s
+            self.start_s = self.due_s - PERIOD_S - self.webcam.exposure_s
+            begun_s = PERIOD_S + self.webcam.exposure_s
+            before_s = {"frame-end": 0.0, "readout-start": PERIOD_S, "exposure-start": begun_s}
+            self.stamp_s = self.due_s - before_s[self.webcam.stamp_marks]
             return True
 
     def retrieve(self):
         if self.webcam.undecodable:
             return False, None
         width, height = self.webcam.wrong_size or (WIDTH, HEIGHT)
-        value = self.frame % VALUES
+        value = self.webcam.scene(self.start_s, self.due_s) if self.webcam.scene else self.frame % VALUES
         if self.props[cv2.CAP_PROP_CONVERT_RGB]:
             return True, np.full((height, width, 3), (10, 20, value), np.uint8)
         return True, np.stack([np.full((height, width), value, np.uint8), np.full((height, width), 128, np.uint8)], 2)
@@ -123,3 +133,10 @@ class Capture:
     def release(self):
         assert not self.inside.locked(), "released while a frame is grabbed"
         self.released = True
+
+
+def driver(webcam, **options):
+    options = {"device": webcam.path, "width_px": WIDTH, "height_px": HEIGHT, "fps": 1 / PERIOD_S, **options}
+    return WebcamCamera(
+        validate(options, WebcamOptions, "camera.options"), MachineClock(), webcam.open, webcam.plugging_of
+    )

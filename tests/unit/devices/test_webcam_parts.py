@@ -48,8 +48,10 @@ def test_losses_show_in_the_counters_once_the_pace_is_known():
     ("stamp_s", "start_s"), [(10.0, 9.9), (0.0, 9.85), (10.2, 9.85), (3.0, 9.85)], ids=["good", "none", "future", "old"]
 )
 def test_a_stamp_of_another_clock_is_not_used(stamp_s, start_s):
-    assert Exposing(0.1, 0.2, 0.2).start_s(stamp_s, 10.05) == pytest.approx(start_s)
-    assert Exposing(0.1, 0.2, 0.2, use_stamps=False).start_s(stamp_s, 10.05) == pytest.approx(9.85)
+    assert Exposing(0.1, 0.2).window_s(stamp_s, 10.05) == pytest.approx((start_s, 10.05))
+    end_s = 10.04 if start_s == 9.9 else 10.05
+    assert Exposing(0.1, 0.2, 0.14).window_s(stamp_s, 10.05) == pytest.approx((start_s, end_s))
+    assert Exposing(0.1, 0.2, 0.14, use_stamps=False).window_s(stamp_s, 10.05) == pytest.approx((9.85, 10.05))
 
 
 @pytest.mark.parametrize(("fourcc", "place"), [("YUYV", 0), ("UYVY", 1)])

@@ -1,7 +1,7 @@
 """The driver `gige`: cameras with GigE Vision or USB3 Vision, by GenICam and Aravis.
 
 Owns the state of the camera and its options. When a frame was exposed is told from its arrival and the camera's own
-clock such that a frame counts as exposed too early rather than too late.
+clock, as a window that holds the exposure.
 """
 
 from __future__ import annotations
@@ -53,7 +53,11 @@ class GigeOptions(Params, frozen=True, kw_only=True):
     dark_noise_electrons: Annotated[float, Meta(ge=0, description="[A] temporal dark noise of its data sheet")] = 0.0
     delay_ms: Annotated[
         float,
-        Meta(ge=0, description="[A] from the exposure's end to the frame's first byte", extra_json_schema=_units("ms")),
+        Meta(
+            ge=0,
+            description="[A] from the exposure's end to the first byte, at most",
+            extra_json_schema=_units("ms"),
+        ),
     ] = 1.0
     packet_bytes: Annotated[
         int, Meta(ge=0, le=16110, description="GigE Vision packets; 0: what the network lets through")
@@ -210,20 +214,16 @@ class GigeCamera:
             )
         channel = in_force.settings.channel
         image = image_of(delivery.data, in_force.size_px, in_force.form, channel)
-        start_s = self._start_s(delivery, in_force)
-        return RawFrame(
-            checked_image(image, in_force.size_px, in_force.form.bits, 3 if channel == "rgb" else 1),
-            counter,
-            start_s,
-            start_s + in_force.settings.exposure_us * 1e-6,
-        )
+        checked = checked_image(image, in_force.size_px, in_force.form.bits, 3 if channel == "rgb" else 1)
+        return RawFrame(checked, counter, *self._window_s(delivery, in_force.settings.exposure_us * 1e-6))
 
-    def _start_s(self, delivery: Delivery, in_force: InForce) -> float:
+    def _window_s(self, delivery: Delivery, exposure_s: float) -> tuple[float, float]:
+        """Return a window that holds the exposure: it ended before the frame began to arrive, by `delay_ms` at most."""
         arrival_s = self._time.arrival_s(delivery.stamp_ns, delivery.arrived_s)
-        start_s = arrival_s - self._options.delay_ms * 1e-3 - in_force.settings.exposure_us * 1e-6
-        if self._triggered_s is None:
-            return start_s
-        return max(start_s, self._triggered_s)  # no triggered exposure begins before its trigger
+        start_s = arrival_s - self._options.delay_ms * 1e-3 - exposure_s
+        if self._triggered_s is not None:
+            start_s = max(start_s, self._triggered_s)  # no triggered exposure begins before its trigger
+        return start_s, max(arrival_s, start_s + exposure_s)
 
     def _look(self) -> None:
         """Ask whether the camera is there; raises DeviceAbsent where it is not."""

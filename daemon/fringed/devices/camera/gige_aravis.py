@@ -54,7 +54,7 @@ class AravisPort:
         if self._address:
             holder = privilege(self._address)
             if holder is None:
-                raise DeviceAbsent(f"no GigE Vision camera answers at {name}. {self._advice(self._found())}")
+                raise DeviceAbsent(f"no GigE Vision camera answers at {name}. {self._advice(self.found())}")
             if holder:
                 raise DeviceAbsent(f"another program controls the camera {name}: end it; after a crash, wait 3 s")
         try:
@@ -212,7 +212,9 @@ class AravisPort:
             if one:
                 self._call("g_object_unref", one)
 
-    def _found(self) -> list[Found]:
+    def found(self) -> list[Found]:
+        """Return the cameras on this machine's networks and USB; that takes 1 s. Raises DeviceAbsent without Aravis."""
+        self._library = self._library or load()
         self._call("arv_update_device_list")
         names = ("id", "serial_nbr", "physical_id", "address", "protocol")
         return [
@@ -222,7 +224,7 @@ class AravisPort:
 
     def _find(self, device: str) -> str:
         """Return the address of the camera of that name, nothing for one on USB; raises DeviceAbsent."""
-        found = self._found()
+        found = self.found()
         meant = [one for one in found if not device or device in (one.id, one.serial, one.physical_id)]
         if len(meant) != 1:
             what = f"camera.options.device {device!r}" if device else "camera.options.device is empty and"

@@ -1,8 +1,7 @@
 """The driver `webcam`: any camera that Linux knows as /dev/video…, by OpenCV.
 
 Owns the state of the camera and its options. A webcam runs free and has a rolling shutter; what it does not tell of its
-times is assumed such that a frame counts as exposed too early rather than too late, so that no frame of another
-pattern is ever taken for one of this.
+times is told as a window that holds the exposure, so that no frame of another pattern is ever taken for one of this.
 """
 
 from __future__ import annotations
@@ -68,9 +67,9 @@ class WebcamOptions(Params, frozen=True, kw_only=True):
         Literal["driver", "arrival"], Meta(description="whose time stamps are used; arrival where the driver has none")
     ] = "driver"
     stamp_marks: Annotated[
-        Literal["frame-end", "readout-start", "exposure-start"],
-        Meta(description="[A] what the driver's stamp marks; frame-end is safe, the others save a frame per pattern"),
-    ] = "frame-end"
+        Literal["unknown", "frame-end", "readout-start", "exposure-start"],
+        Meta(description="[A] what the driver's stamp marks; unknown is safe, the others may save a frame per pattern"),
+    ] = "unknown"
     readout_ms: Annotated[
         float,
         Meta(ge=0, description="[A] from the first row's end to the frame's arrival; 0: a whole frame period"),
@@ -270,9 +269,13 @@ class WebcamCamera:
         readout_s = options.readout_ms * 1e-3 or self.period_s
         before_arrival_s = exposure_s + readout_s
         before_stamp_s = {
-            "frame-end": before_arrival_s, "readout-start": exposure_s, "exposure-start": 0.0,
-        }[options.stamp_marks]  # fmt: skip
-        lasts_s = before_arrival_s if options.rolling_shutter else exposure_s
+            "unknown": before_arrival_s,  # the earliest that it can be
+            "frame-end": before_arrival_s,
+            "readout-start": exposure_s,
+            "exposure-start": 0.0,
+        }[options.stamp_marks]
+        known_s = before_arrival_s if options.rolling_shutter else exposure_s
+        lasts_s = None if options.stamp_marks == "unknown" else known_s
         return Exposing(before_stamp_s, before_arrival_s, lasts_s, options.stamps == "driver")
 
 

@@ -72,6 +72,11 @@ def identify(path: str) -> object:
     return (status.st_dev, status.st_ino, status.st_rdev)
 
 
+def plugged_in(by_id: Path = BY_ID) -> tuple[str, ...]:
+    """Return the names of the webcams that are plugged in; one that ends in -index1 or more holds no pictures."""
+    return tuple(sorted(path.name for path in by_id.iterdir())) if by_id.is_dir() else ()
+
+
 def find(device: str, by_id: Path = BY_ID) -> str:
     """Return the path of `device`: a path, a name below /dev/v4l/by-id, or nothing for the only one there is.
 
@@ -80,14 +85,16 @@ def find(device: str, by_id: Path = BY_ID) -> str:
     DeviceAbsent
         none has that name, or several could be meant; the message lists what is there.
     """
-    names = sorted(path.name for path in by_id.iterdir()) if by_id.is_dir() else []
+    names = plugged_in(by_id)
     there = f"plugged in are {', '.join(names)}" if names else "no webcam is plugged in"
     if device:
         path = Path(device) if device.startswith("/") else by_id / device
         if path.exists():
             return str(path)
         raise DeviceAbsent(f"the webcam {path} is not there; {there}: plug it in, or set camera.options.device")
-    firsts = [name for name in names if name.endswith("-index0")] or names  # a webcam's other nodes hold no pictures
+    firsts = [name for name in names if name.endswith("-index0")] or list(
+        names
+    )  # a webcam's other nodes hold no pictures
     if len(firsts) == 1:
         return str(by_id / firsts[0])
     raise DeviceAbsent(f"camera.options.device names no webcam and {there}: name one of them, or a path /dev/video…")

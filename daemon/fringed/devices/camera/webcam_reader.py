@@ -33,19 +33,21 @@ class Exposing:
     """When a frame was exposed, told from its stamp: seconds.
 
     `before_stamp_s` lies between the start of the first row's exposure and the driver's stamp, `before_arrival_s`
-    between that start and the frame's arrival; `lasts_s` from the first row's start to the last row's end.
+    between that start and the frame's arrival. `lasts_s` from the first row's start to the last row's end is None where
+    nobody knows; the frame's arrival is then all that is certain to be later.
     """
 
     before_stamp_s: float
     before_arrival_s: float
-    lasts_s: float
+    lasts_s: float | None = None
     use_stamps: bool = True
 
-    def start_s(self, stamp_s: float, arrival_s: float) -> float:
-        """Return when the exposure began; a stamp that cannot be of this clock is not used."""
-        if self.is_stamp(stamp_s, arrival_s):
-            return stamp_s - self.before_stamp_s
-        return arrival_s - self.before_arrival_s
+    def window_s(self, stamp_s: float, arrival_s: float) -> tuple[float, float]:
+        """Return when the exposure began and ended, or a window around it; a stamp of another clock is not used."""
+        if not self.is_stamp(stamp_s, arrival_s):
+            return arrival_s - self.before_arrival_s, arrival_s
+        start_s = stamp_s - self.before_stamp_s
+        return start_s, arrival_s if self.lasts_s is None else start_s + self.lasts_s
 
     def is_stamp(self, stamp_s: float, arrival_s: float) -> bool:
         """Whether the driver's stamp is one."""
@@ -144,8 +146,7 @@ class Reader:
                 )
             return
         self._bad = 0
-        start_s = self._exposing.start_s(stamp_s, arrival_s)
-        frame = RawFrame(self._convert(picture), counter, start_s, start_s + self._exposing.lasts_s)
+        frame = RawFrame(self._convert(picture), counter, *self._exposing.window_s(stamp_s, arrival_s))
         with self._news:
             self.overtaken += len(self._frames) == self._frames.maxlen
             self._frames.append(frame)
