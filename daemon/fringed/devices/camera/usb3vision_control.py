@@ -43,12 +43,12 @@ class Usb3VisionControl:
 
     def __init__(self, link: Usb3VisionLink, options: Usb3VisionOptions, clock: Clock) -> None:
         self._link, self._options, self._clock = link, options, clock
-        self.identity = Identity(
-            *(self._text(at) for at in (reg.VENDOR, reg.MODEL, reg.DEVICE_VERSION, reg.SERIAL_NUMBER))
-        )
         sbrm = self._whole(reg.SBRM, 8)
         command, answer = (self._whole(sbrm + at) for at in (reg.MAX_COMMAND_BYTES, reg.MAX_ACKNOWLEDGE_BYTES))
         link.allow(command, answer, self._whole(reg.RESPONSE_TIME_MS) / 1000)
+        self.identity = Identity(
+            *(self._text(at) for at in (reg.VENDOR, reg.MODEL, reg.DEVICE_VERSION, reg.SERIAL_NUMBER))
+        )
         self._sirm = self._whole(sbrm + reg.SIRM, 8)
         if not self._sirm:
             raise ProtocolError(f"the {self.identity} has no stream interface (SBRM + 0x20 is 0): is it a camera?")
