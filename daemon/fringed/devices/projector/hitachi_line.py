@@ -1,8 +1,9 @@
 """One command after the other over one transport: times, resending, resynchronising.
 
 Owns when bytes are sent and how long is waited; knows nothing of what the commands are for. Replies have no
-checksum and, on a serial line, no number: after a time-out, noise or a reply of the wrong kind the line is read until
-it is quiet before anything else is sent, so that a late reply is not taken for the next one's.
+checksum and, on a serial line, no number. So after a time-out, noise or a reply of the wrong kind the line is read until
+it is quiet before anything else is sent, and for some seconds after a time-out a value counts only when it is answered
+twice: a late reply is not taken for the next one's.
 """
 
 from __future__ import annotations
@@ -41,11 +42,14 @@ class LineTimes:
     gap_s: float = GAP_S
     quiet_s: float = 0.1
     noise_s: float = 3.0
+    late_s: float = 3.0
     attempts: int = 4
 
 
 class Framing(Protocol):
-    """Commands to bytes and bytes to events, for one kind of connection."""
+    """Commands to bytes and bytes to events, for one kind of connection. `numbered`: a reply names its command."""
+
+    numbered: bool
 
     def encode(self, command: Command) -> bytes:
         """Return the bytes of a command."""
@@ -66,6 +70,8 @@ class Framing(Protocol):
 class SerialFraming:
     """The serial line's, and TCP 23's."""
 
+    numbered = False
+
     def __init__(self) -> None:
         self._decoder = ReplyDecoder()
         self.feed, self.next_event = self._decoder.feed, self._decoder.next_event
@@ -78,6 +84,8 @@ class SerialFraming:
 
 class NetworkFraming:
     """TCP 9715's: replies that carry another command's id are late, and dropped."""
+
+    numbered = True
 
     def __init__(self) -> None:
         self._decoder, self._id = NetworkDecoder(), 0
@@ -105,7 +113,7 @@ class HitachiLine:
         self._transport, self._framing, self._clock = transport, framing, clock
         self._times, self._password = times, password
         self._open, self._dirty, self._prefix = False, True, b""
-        self._free_s = 0.0
+        self._free_s = self._doubt_s = 0.0
         self.resent = 0
 
     @property
@@ -152,6 +160,16 @@ class HitachiLine:
         DeviceError
             the projector wants a password, or another one.
         """
+        answer = self._answered(name)
+        for _ in range(self._times.attempts):
+            if not isinstance(answer, Data) or self._clock.now() >= self._doubt_s:
+                return answer
+            before, answer = answer, self._answered(name)  # a reply to another command may still be under way
+            if answer == before:
+                return answer
+        raise ProtocolError(f"{self.name} answered {name!r} with another value each time, at last {answer}: a bad line")
+
+    def _answered(self, name: str) -> Answer:
         entry, seen, last = entry_of(name), "nothing", None
         for attempt in range(self._times.attempts):
             self.resent += attempt > 0
@@ -164,7 +182,8 @@ class HitachiLine:
                 raise self._unauthorised()
             if isinstance(event, Ack | CannotExecute | Data):
                 return event
-            self._dirty = self._dirty or event is None
+            if event is None:
+                self._dirty, self._doubt_s = True, 0.0 if self._framing.numbered else self._late_s()
             seen = "NAK (not understood)" if event else "nothing"
         tried = f"{self.name}: {name!r} was sent {self._times.attempts} times; the last answer: {seen}"
         if last is not None or seen != "nothing":
@@ -231,6 +250,9 @@ class HitachiLine:
             if data := self._transport.read(left_s):
                 log.debug("%s < %s", self.name, data.hex(" "))
                 yield data
+
+    def _late_s(self) -> float:
+        return self._clock.now() + self._times.late_s
 
     def _nonce(self) -> bytes:
         nonce = b""
