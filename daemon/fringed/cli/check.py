@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -99,14 +100,14 @@ def _device_problems(kind: str, device: DeviceConfig, catalogue: Catalogue) -> l
     """Return what is wrong with a device's driver and, where it is a real one's, its options."""
     provided = catalogue.provided.get(kind, {})
     ours = built_in(kind, device.driver)
-    driver = ours or provided.get(device.driver)
+    driver: Any = ours or provided.get(device.driver)
     if driver is None:
         if device.driver in ("none", "sim", "replay"):
             return []
         there = ", ".join(["none", "sim", "replay", *BUILT_IN[kind], *sorted(provided)])
         return [Problem(f"{kind}.driver", repr(device.driver), f"one of {there}")]
     try:
-        validate(device.options, driver.Options, f"{kind}.options")  # type: ignore[attr-defined]
+        validate(device.options, driver.Options, f"{kind}.options")
     except ConfigurationError as error:
         return list(error.problems)
     return []

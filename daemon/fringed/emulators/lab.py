@@ -63,6 +63,7 @@ class Lab:
         sensor, projector = self.simulation.sensor, self.simulation.projector
         panel = [projector.width_px, projector.height_px]
         bridge = {"backend": "fringed.emulators.lab:backend", "full_well_electrons": sensor.full_well_electrons}
+        bridge |= {"exposure_feature": ""}  # the MS3100 is told over its own line
         return {
             "name": "emulated-lab",
             "camera": {
