@@ -19,6 +19,7 @@ from pathlib import Path
 import click
 
 from fringed.cli.configuration import configuration
+from fringed.cli.doctor_configured import configured_findings, panel_px
 from fringed.cli.doctor_devices import device_findings
 from fringed.cli.doctor_displays import display_findings
 from fringed.cli.doctor_findings import Finding, Findings
@@ -43,7 +44,6 @@ MODULES = (
     "matplotlib",
 )
 DEVICE_MODULES = {"pygame": "the projector's window", "serial": "serial ports", "usb": "USB cameras"}
-PANEL_PX = (1024, 768)
 SET_MB = 17.4
 _ROOM_MB, _SHM_MB = 2000.0, 64.0
 _COLOURS = {"ok": "green", "warn": "yellow", "fail": "red"}
@@ -55,8 +55,8 @@ def examine(path: Path | None, as_json: bool) -> int:
     machine = this_machine()
     checks: tuple[Callable[[], Findings], ...] = (
         _python, _packages, lambda: _data(config), lambda: _runtime(config), _shared_memory, _cores, _numba_cache,
-        lambda: device_findings(machine), lambda: display_findings(machine, _panel(config)),
-        lambda: service_findings(machine), _folders,
+        lambda: device_findings(machine), lambda: display_findings(machine, panel_px(config.projector.options)),
+        lambda: configured_findings(config, machine), lambda: service_findings(machine), _folders,
     )  # fmt: skip
     found = [finding for check in checks for finding in check()]
     if as_json:
@@ -154,15 +154,6 @@ def _numba_cache() -> Findings:
     else:
         do = "set NUMBA_CACHE_DIR to a folder of yours, or every start compiles again"
         yield Finding("warn", "numba cache", f"{folder}: not writable", do)
-
-
-def _panel(config: StationConfig) -> tuple[int, int]:
-    """Return width and height of the patterns: the driver's option, or the CP-X260's panel."""
-    match config.projector.options.get("size_px"):
-        case [int(width), int(height)]:
-            return width, height
-        case _:
-            return PANEL_PX
 
 
 def _folders() -> Findings:

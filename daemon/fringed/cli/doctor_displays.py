@@ -75,7 +75,7 @@ def _connectors(found: list[Connector], wanted: str) -> Findings:
         else:
             yield Finding("warn", what, f"{about}: no {wanted}, which is the size of the patterns",
                           "patterns would be scaled: use a display that has this mode, or set "
-                          "projector.options.size_px to its own")  # fmt: skip
+                          "the size in projector.options to its own")  # fmt: skip
 
 
 def _session(machine: Machine) -> Findings:
