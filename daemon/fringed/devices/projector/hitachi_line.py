@@ -1,9 +1,9 @@
 """One command after the other over one transport: times, resending, resynchronising.
 
 Owns when bytes are sent and how long is waited; knows nothing of what the commands are for. Replies have no
-checksum and, on a serial line, no number. So after a time-out, noise or a reply of the wrong kind the line is read until
-it is quiet before anything else is sent, and for some seconds after a time-out a value counts only when it is answered
-twice: a late reply is not taken for the next one's.
+checksum and, on a serial line, no number. So after a time-out, noise or a reply of the wrong kind the line is read
+until it is quiet before anything else is sent, and for some seconds after a time-out a value counts only when it is
+answered twice: a late reply is not taken for the next one's.
 """
 
 from __future__ import annotations
