@@ -164,6 +164,13 @@ class WebcamCamera:
                 device.capture.release()
             self._reader = None
 
+    def check(self) -> None:
+        """Notice that it was unplugged; costs no time. Raises DeviceAbsent, and closes."""
+        device = self._opened()
+        if self._plugging_of(device.path) != device.plugging:
+            self.close()
+            raise DeviceAbsent(f"the webcam {device.path} was unplugged: plug it in again")
+
     def arm(self, settings: CameraSettings) -> CameraSettings:
         """Fix the controls, begin to read, and return the settings in force.
 
@@ -224,9 +231,7 @@ class WebcamCamera:
             raise DeviceError("the webcam is not armed: call arm first")
         end_s = self.clock.now() + timeout_s
         while True:
-            if self._plugging_of(device.path) != device.plugging:
-                self.close()
-                raise DeviceAbsent(f"the webcam {device.path} was unplugged: plug it in again")
+            self.check()
             frame = reader.take(min(LOOK_S, max(0.0, end_s - self.clock.now())))
             if frame is not None:
                 return frame
