@@ -136,6 +136,15 @@ def test_camera_set_to_a_mono_output_delivers_that_and_nothing_else() -> None:
         camera.arm(CameraSettings(channel="rgb"))
 
 
+@pytest.mark.parametrize("output", ["red", "green", "blue"])
+def test_mono_output_of_one_ccd_sets_that_ccd(output: Any) -> None:
+    camera, line, images = camera_of(output=output)
+    assert camera.arm(CameraSettings(exposure_us=1000, channel=output)).channel == output
+    assert images.armed.channel == "white"
+    channel = camera.control.settings.dialect.channels[output]
+    assert {c: ccd.lines for c, ccd in line.camera.ccds.items()} == {c: 8 if c == channel else 64 for c in (1, 2, 3)}
+
+
 def test_frames_that_may_have_the_old_settings_are_left_out() -> None:
     camera, _, _ = camera_of(settle_frames=2)
     camera.arm(CameraSettings(channel="green"))
@@ -220,6 +229,14 @@ def test_image_transport_of_another_format_is_named() -> None:
     images.armed = replace(images.armed, bits=8)
     with pytest.raises(ProtocolError, match="uint8"):
         camera.read(1.0)
+
+
+def test_frames_last_as_long_as_the_ccds_integrate_whatever_the_transport_believes() -> None:
+    camera, _, images = camera_of()
+    images.brings = {"exposure_us": 1000.0}
+    assert camera.arm(CameraSettings(exposure_us=8000, channel="green")).exposure_us == 8000
+    frame = camera.read(1.0)
+    assert (frame.exposure_start_s, frame.exposure_end_s) == (pytest.approx(-0.007), pytest.approx(0.001))
 
 
 def test_unplugged_control_ends_the_next_read_and_comes_back_by_open() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from fringed.config.validation import validate
-from fringed.data import CameraSettings
+from fringed.data import CameraChannel, CameraSettings
 from fringed.devices.camera.base import checked_image
 from fringed.devices.camera.duncantech_control import COLOURS, DuncanTechControl
 from fringed.devices.camera.duncantech_options import DuncanTechOptions, control_settings
@@ -44,7 +44,7 @@ class DuncanTechCamera:
         self.control, self._images, self._options = control, images, options
         self.simulated, self.replayed, self.clock = images.simulated, images.replayed, images.clock
         self._settings: CameraSettings | None = None
-        self._unsettled = 0
+        self._unsettled, self._others_exposure_us = 0, 0.0
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -105,6 +105,7 @@ class DuncanTechCamera:
             electrons_per_dn=brought.electrons_per_dn if noise_known else 0.0,
             read_noise_electrons=brought.read_noise_electrons if noise_known else 0.0,
         )
+        self._others_exposure_us = brought.exposure_us
         self._unsettled = self._options.settle_frames if settings.trigger == "free-running" else 0
         return self._settings
 
@@ -142,7 +143,10 @@ class DuncanTechCamera:
         image = checked_image(frame.image, self.size_px, settings.bits, planes)
         if planes == 3 and settings.channel != "rgb":
             image = np.ascontiguousarray(image[..., COLOURS.index(_colour(settings.channel))])
-        return replace(frame, image=image)
+        start_s = frame.exposure_start_s
+        if self._others_exposure_us != settings.exposure_us:  # the transport does not know how long the CCDs integrate
+            start_s = frame.exposure_end_s - settings.exposure_us * 1e-6
+        return replace(frame, image=image, exposure_start_s=start_s)
 
     def _next(self, timeout_s: float) -> RawFrame:
         deadline_s = self.clock.now() + timeout_s
@@ -165,8 +169,9 @@ class DuncanTechCamera:
         self._check_channel(asked)
         lines = self.control.lines_of(asked.exposure_us * 1e-6)
         exposure_us = round(self.control.seconds_of(lines) * 1e6, 6)
-        # The gain is the CCDs', whatever brings the frames.
-        images = replace(asked, exposure_us=exposure_us, gain_db=0.0, channel=options.output)
+        # The gain is the CCDs', whatever brings the frames; which plane a mono output shows, only the camera knows.
+        channel: CameraChannel = "rgb" if options.output == "rgb" else "white"
+        images = replace(asked, exposure_us=exposure_us, gain_db=0.0, channel=channel)
         colours = (_colour(asked.channel),) if asked.channel in COLOURS else COLOURS
         offsets = {c: value for c in colours if (value := getattr(options.offset, c)) is not None}
         gains, gain_db = self._gains(asked.gain_db, colours)

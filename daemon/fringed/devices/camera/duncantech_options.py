@@ -67,7 +67,8 @@ class DuncanTechOptions(Params, frozen=True, kw_only=True):
     """The MS3100's own options (`camera.options`)."""
 
     port: Annotated[
-        str, Meta(min_length=1, description="serial port of the control: a path, a USB serial number or a location")
+        str,
+        Meta(min_length=1, description="serial port of the control: a path, usb:serial=…, usb:location=… or usb:id=…"),
     ]
     images: ImageTransport
     baud: Annotated[int, Meta(ge=1200, le=115200, description="[R]; 8N1", extra_json_schema=_units("baud"))] = 9600
