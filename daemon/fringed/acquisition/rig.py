@@ -18,6 +18,8 @@ from fringed.hookspecs import Camera, Projector
 from fringed.messages import DeviceState, DeviceStateName
 
 log = logging.getLogger(__name__)
+DARK: tuple[DeviceStateName, ...] = ("STANDBY", "WARMING", "COOLING")
+"""What a projector with a `lamp_state` may be instead of at fault."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,7 @@ class Device:
     @property
     def is_open(self) -> bool:
         """Whether it can be used."""
-        return self.state not in ("ABSENT", "CONNECTING", "FAULT")
+        return self.state not in ("ABSENT", "CONNECTING", "FAULT", *DARK)
 
     def snapshot(self) -> DeviceState:
         """Return its state as a message."""
@@ -103,7 +105,7 @@ class Device:
                 self.identity = self._opened()
         except DeviceError as error:
             changed = first or error.message != reason
-            self.state, self.detail = "ABSENT" if isinstance(error, DeviceAbsent) else "FAULT", error.message
+            self.state, self.detail = self._state_of(error), error.message
             self._shut()
             if changed:
                 self._report(self.which, self.snapshot())
@@ -124,8 +126,15 @@ class Device:
         """Take note that it failed, and close it, so that it can be opened afresh."""
         if not self.is_open:
             return
+        state = self._state_of(error)
         self._shut()
-        self.go("ABSENT" if isinstance(error, DeviceAbsent) else "FAULT", error.message)
+        self.go(state, error.message)
+
+    def _state_of(self, error: DeviceError) -> DeviceStateName:
+        """Return what a failed device is: gone, a projector whose lamp is not on, or at fault."""
+        lamp = getattr(self._device, "lamp_state", "")
+        dark = next((state for state in DARK if state == lamp), None)
+        return "ABSENT" if isinstance(error, DeviceAbsent) else dark or "FAULT"
 
     def close(self) -> None:
         """Close it; harmless when closed."""

@@ -3,7 +3,7 @@
 Owns the tables; who moves a device from state to state is the runner. ABSENT is not connected or
 gone; CONNECTING is being opened; IDLE is open; ARMED is ready to take frames; ACQUIRING takes a set;
 DEGRADED works, but its last set was not good enough; FAULT answered wrongly or not at all. A
-projector's lamp adds STANDBY, WARMING, ON and COOLING.
+projector's lamp adds STANDBY, WARMING, ON and COOLING: unless it is ON the projector is not open, and tried again.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ PROJECTOR: Table = _table(
         "ABSENT": ("CONNECTING",),
         "CONNECTING": ("IDLE", "STANDBY", "WARMING", "ON", "COOLING", "ABSENT", "FAULT"),
         "IDLE": ("ACQUIRING", "STANDBY", "WARMING", "ON", "COOLING", "DEGRADED", "ABSENT", "FAULT"),
-        "STANDBY": ("WARMING", "ABSENT", "FAULT"),
-        "WARMING": ("ON", "COOLING", "ABSENT", "FAULT"),
+        "STANDBY": ("CONNECTING", "WARMING", "ABSENT", "FAULT"),
+        "WARMING": ("CONNECTING", "ON", "COOLING", "ABSENT", "FAULT"),
         "ON": ("IDLE", "ACQUIRING", "COOLING", "DEGRADED", "ABSENT", "FAULT"),
-        "COOLING": ("STANDBY", "ABSENT", "FAULT"),
-        "ACQUIRING": ("IDLE", "ON", "COOLING", "DEGRADED", "ABSENT", "FAULT"),
-        "DEGRADED": ("IDLE", "ON", "ACQUIRING", "COOLING", "ABSENT", "FAULT"),
+        "COOLING": ("CONNECTING", "STANDBY", "ABSENT", "FAULT"),
+        "ACQUIRING": ("IDLE", "ON", "STANDBY", "WARMING", "COOLING", "DEGRADED", "ABSENT", "FAULT"),
+        "DEGRADED": ("IDLE", "ON", "ACQUIRING", "STANDBY", "WARMING", "COOLING", "ABSENT", "FAULT"),
         "FAULT": ("CONNECTING", "COOLING", "ABSENT"),
     }
 )

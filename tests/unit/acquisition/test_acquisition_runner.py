@@ -249,6 +249,23 @@ def test_device_that_is_pulled_while_nobody_scans_is_seen_to_be_gone_and_comes_b
         assert bench.scan() is None
 
 
+def test_projector_whose_lamp_warms_up_is_said_to_and_is_used_once_it_is_on():
+    fake = FakeRig()
+    fake.projector.lamp_state, opened = "WARMING", fake.projector.open
+
+    def cold():
+        if fake.projector.lamp_state != "ON":
+            raise DeviceError("the lamp warms up, ready in about 23 s")
+        return opened()
+
+    fake.projector.open = cold
+    with Bench(fake) as bench:
+        wait_for(lambda: bench.states and bench.states[-1] == ("projector", "WARMING"))
+        fake.projector.lamp_state = "ON"
+        wait_for(lambda: bench.states[-1] == ("projector", "IDLE"))
+        assert bench.scan() is None
+
+
 def wait_for(condition):
     deadline = time.monotonic() + 10
     while not condition():
