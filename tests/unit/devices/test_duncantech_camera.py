@@ -20,7 +20,7 @@ from fringed.devices.camera.duncantech_control import DuncanTechControl
 from fringed.devices.camera.duncantech_options import DuncanTechOptions, control_settings
 from fringed.emulators.ms3100_camera import EmulatedMs3100
 from fringed.errors import ConfigurationError, DeviceAbsent, DeviceError, DeviceStalled, ProtocolError, UsageError
-from fringed.hookspecs import Camera, Driver, Params, RawFrame
+from fringed.hookspecs import Adjustable, Camera, Driver, Params, RawFrame, Setting, Watched
 
 WIDTH, HEIGHT = 24, 16
 SMALL = {
@@ -264,6 +264,62 @@ def test_unplugged_image_transport_ends_the_read_and_frees_the_port() -> None:
         camera.read(1.0)
     assert not line.opened
     camera.close()
+
+
+class AdjustableImages(FakeImages):
+    """One that can be asked whether it is there, and has a setting of its own."""
+
+    level = 3
+
+    def check(self) -> None:
+        if self.gone:
+            raise DeviceAbsent("fake frames are gone")
+
+    def settings(self) -> list[Setting]:
+        return [Setting("BlackLevel", self.level)]
+
+    def adjust(self, name: str, value: bool | float | str) -> None:
+        assert name == "BlackLevel"
+        self.level = int(value)
+
+
+def test_resting_it_notices_that_one_of_its_parts_has_gone() -> None:
+    camera, line, images = camera_of(AdjustableImages())
+    as_watched: Watched = camera
+    as_watched.check()
+    images.gone = True
+    with pytest.raises(DeviceAbsent, match="frames are gone"):
+        as_watched.check()
+    images.gone = False
+    line.unplug(comes_back=False)
+    with pytest.raises(DeviceAbsent, match="memory"):
+        as_watched.check()
+
+
+def test_own_settings_are_read_and_set_and_those_of_the_transport_too() -> None:
+    camera, line, images = camera_of(AdjustableImages())
+    as_adjustable: Adjustable = camera
+    found = {setting.name: setting for setting in as_adjustable.settings()}
+    assert found["green_offset"].value == 10
+    assert found["green_gain"].value is None  # its opcode is not enabled
+    assert (found["blue_integration"].least, found["blue_integration"].most) == (1, 1046)
+    assert not any(found[name].verified for name in found if name != "images_BlackLevel")
+    as_adjustable.adjust("red_integration", 99)
+    as_adjustable.adjust("images_BlackLevel", 5)
+    assert (line.camera.ccds[2].lines, images.level) == (99, 5)
+    camera.arm(CameraSettings(channel="green"))
+    with pytest.raises(UsageError, match="while the camera is armed"):
+        as_adjustable.adjust("red_integration", 9)
+    camera.disarm()
+    for name in ("infrared_gain", "red_flavour", "red", ""):
+        with pytest.raises(UsageError, match=r"it has red_gain, red_offset"):
+            as_adjustable.adjust(name, 1)
+
+
+def test_enabled_unverified_opcodes_fill_in_the_values() -> None:
+    camera, _, _ = camera_of(enable_unverified=True)
+    found = {setting.name: setting.value for setting in camera.settings()}
+    assert (found["green_gain"], found["green_offset"], found["green_integration"]) == (256, 10, 64)
 
 
 def test_faults_of_the_line_while_arming_are_repaired() -> None:

@@ -6,6 +6,7 @@ frames are the image transport's, which has the Camera protocol itself (a Camera
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,13 +17,15 @@ from fringed.data import CameraChannel, CameraSettings
 from fringed.devices.camera.base import checked_image
 from fringed.devices.camera.duncantech_control import COLOURS, DuncanTechControl
 from fringed.devices.camera.duncantech_options import DuncanTechOptions, control_settings
+from fringed.devices.camera.duncantech_settings import adjust, settings_of
 from fringed.errors import ConfigurationError, DeviceAbsent, DeviceError, DeviceStalled, Problem, UsageError
-from fringed.hookspecs import Camera, Driver, RawFrame
+from fringed.hookspecs import Adjustable, Camera, Driver, RawFrame, Setting, Watched
 from fringed.protocols.duncantech import Colour
 from fringed.transports.serial_port import SerialPort, SerialSettings
 
 FRAME_PERIOD_S = 1 / 7.5  # [V] where the image transport does not know better
 BITS = (8, 10)  # [V]
+_BRIDGE = "images_"  # before the names of the image transport's own settings
 
 
 @dataclass(frozen=True)
@@ -147,6 +150,28 @@ class DuncanTechCamera:
         if self._others_exposure_us != settings.exposure_us:  # the transport does not know how long the CCDs integrate
             start_s = frame.exposure_end_s - settings.exposure_us * 1e-6
         return replace(frame, image=image, exposure_start_s=start_s)
+
+    def check(self) -> None:
+        """Notice that the control's port or the image transport has gone while both rest; raises DeviceError."""
+        self.control.check()
+        if isinstance(self._images, Watched):
+            self._images.check()
+
+    def settings(self) -> Sequence[Setting]:
+        """Ask for every CCD's gain, offset and integration time, and for what the image transport has of its own."""
+        own = list(settings_of(self.control))
+        if isinstance(self._images, Adjustable):
+            own += [replace(one, name=_BRIDGE + one.name) for one in self._images.settings()]
+        return own
+
+    def adjust(self, name: str, value: bool | float | str) -> None:
+        """Set one of them; raises UsageError for what there is not, or while the camera is armed."""
+        if self._settings is not None:
+            raise UsageError(f"{name} cannot be set while the camera is armed: wait for the scan's end")
+        if name.startswith(_BRIDGE) and isinstance(self._images, Adjustable):
+            self._images.adjust(name.removeprefix(_BRIDGE), value)
+        else:
+            adjust(self.control, name, value)
 
     def _next(self, timeout_s: float) -> RawFrame:
         deadline_s = self.clock.now() + timeout_s

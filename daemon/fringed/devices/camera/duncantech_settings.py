@@ -33,11 +33,14 @@ def settings_of(control: DuncanTechControl) -> Sequence[Setting]:
 
 
 def adjust(control: DuncanTechControl, name: str, value: bool | float | str) -> None:
-    """Set one, checked before; raises DeviceError, or UsageError where its opcode may not be sent."""
+    """Set one; raises DeviceError, or UsageError where there is none such, or its opcode may not be sent."""
     colour, _, parameter = name.partition("_")
     setters: dict[str, Callable[[Colour, int], object]] = {
         "gain": control.set_gain, "offset": control.set_offset, "integration": control.set_integration_lines,
     }  # fmt: skip
+    if colour not in COLOURS or parameter not in setters:
+        there = ", ".join(f"{one}_{what}" for one in COLOURS for what in setters)
+        raise UsageError(f"the MS3100 has no setting {name!r}; it has {there}")
     setters[parameter](_colour(colour), int(value))
 
 
@@ -49,7 +52,4 @@ def _value(read: Callable[[Colour], int], colour: Colour) -> int | None:
 
 
 def _colour(name: str) -> Colour:
-    for colour in COLOURS:
-        if str(colour) == name:
-            return colour
-    raise UsageError(f"there is no CCD {name!r}; there are {', '.join(map(str, COLOURS))}")
+    return next(colour for colour in COLOURS if colour == name)
