@@ -19,6 +19,7 @@ from fringed.protocols.hitachi_network import FRAMED_PORT, IDLE_S, RAW_PORT
 from fringed.transports.base import Transport
 from fringed.transports.serial_port import SerialPort, SerialSettings
 from fringed.transports.tcp import TcpPort
+from fringed.transports.tracing import traced
 
 _S = {"units": "s"}
 SettingName = Literal["picture mode", "gamma", "keystone", "magnify", "frame lock"]
@@ -81,8 +82,8 @@ def transport_of(options: HitachiOptions) -> Transport:
         if options.password:
             problem = Problem("projector.options.password", "a password", "none: serial ports know no passwords")
             raise ConfigurationError("1 problem:", (problem,))
-        return SerialPort(options.port, SerialSettings(options.baud))
-    return TcpPort(options.host, options.tcp_port)
+        return traced(SerialPort(options.port, SerialSettings(options.baud)))
+    return traced(TcpPort(options.host, options.tcp_port))
 
 
 def control_of(options: HitachiOptions, transport: Transport, clock: Clock) -> HitachiControl:
