@@ -22,6 +22,7 @@ from fringed.errors import ConfigurationError, DeviceAbsent, DeviceError, Device
 from fringed.hookspecs import Adjustable, Camera, Driver, RawFrame, Setting, Watched
 from fringed.protocols.duncantech import Colour
 from fringed.transports.serial_port import SerialPort, SerialSettings
+from fringed.transports.tracing import traced
 
 FRAME_PERIOD_S = 1 / 7.5  # [V] where the image transport does not know better
 BITS = (8, 10)  # [V]
@@ -277,7 +278,7 @@ def create(options: DuncanTechOptions, context: Any) -> DuncanTechCamera:
         raise ConfigurationError("1 problem:", (problem,))
     chosen = validate(options.images.options, driver.Options, "camera.options.images.options")
     images: Camera = driver.create(chosen, context)
-    port = SerialPort(options.port, SerialSettings(options.baud))
+    port = traced(SerialPort(options.port, SerialSettings(options.baud)))
     return DuncanTechCamera(DuncanTechControl(port, settings), images, options)
 
 
