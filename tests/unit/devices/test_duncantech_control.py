@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import threading
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from fringed.emulators.ms3100_camera import FAULTS, EmulatedMs3100
 from fringed.errors import DeviceAbsent, DeviceError, DeviceStalled, ProtocolError, UsageError
 from fringed.protocols.duncantech import LINES, OFFSETS, Dialect
 from fringed.transports.loopback import Loopback
+
+ROUNDS = int(os.environ.get("FRINGED_FAULT_ROUNDS", "80"))
 
 
 def test_each_ccd_has_gain_offset_and_integration_of_its_own() -> None:
@@ -198,7 +201,7 @@ def test_under_random_faults_every_command_ends_right_or_named(unverified: bool)
     source = random.Random(f"faults {unverified}")
     control, line = memory_control(unverified)
     named: list[DeviceError] = []
-    for _ in range(80):
+    for _ in range(ROUNDS):
         for fault in FAULTS:
             line.camera.order(fault, source.choice((1, 1, 1, 2, 5)) if source.random() < 0.12 else 0)
         colour, lines = source.choice(COLOURS), source.randint(*LINES)
@@ -218,7 +221,8 @@ def test_under_random_faults_every_command_ends_right_or_named(unverified: bool)
             control.open()
     assert {type(error) for error in named} <= {DeviceAbsent, DeviceStalled, ProtocolError}
     assert all("memory" in error.message and len(error.message) > 40 for error in named)
-    assert 0 < len(named) < 30
+    assert 0 < len(named) < ROUNDS / 2
+    print(f"{ROUNDS} commands: {ROUNDS - len(named)} right, {len(named)} named, {control.retried} sent again")
     assert control.retried > 5 and control.reopened > 0
 
 
