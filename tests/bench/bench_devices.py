@@ -9,7 +9,9 @@ fails has to say why. Nothing may hang or leak: time-outs, threads, handles and 
 from __future__ import annotations
 
 import argparse
+import os
 import random
+import signal
 import sys
 import tempfile
 import threading
@@ -25,6 +27,7 @@ from emulated import EmulatedStation, emulated_station
 
 from fringed.emulators.lab import BRIDGE
 from fringed.errors import FringedError, RequestTimeout, StationError
+from fringed_client import Station
 
 SIMULATION = {
     "scene": {"object": "face"},
@@ -53,12 +56,35 @@ def ordered(emulator: str, *orders: dict[str, Any]) -> Fault:
     return lambda station, chance: station.lab.order(emulator, **chance.choice(orders))
 
 
+def switched_off(station: EmulatedStation, chance: random.Random) -> None:
+    """Switch the lamp off and on again: it cools down and warms up, and refuses what comes meanwhile."""
+    with Station(station.client.address) as other, suppress(FringedError):
+        other.set_device("projector", "lamp", "standby")
+        time.sleep(chance.uniform(0.0, 1.0))
+        for _ in range(40):  # refused while it cools down
+            with suppress(FringedError):
+                other.set_device("projector", "lamp", "on")
+                return
+            time.sleep(0.25)
+
+
+def killed_display(station: EmulatedStation, chance: random.Random) -> None:
+    """Kill the process that owns the window."""
+    for process in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            parent = int((process / "stat").read_text().rpartition(")")[2].split()[1])
+            if parent == station.process.pid and b"fringed.display" in (process / "cmdline").read_bytes():
+                os.kill(int(process.name), chance.choice([signal.SIGKILL, signal.SIGSEGV]))
+
+
 FAULTS: dict[str, Fault] = {
     "projector: replies dropped, refused, junk": ordered(
         "cpx260", {"do": "drop", "count": 1}, {"do": "nak", "count": 2}, {"do": "junk", "count": 1},
         {"do": "noise", "size": 20},
     ),
     "projector: serial cable": unplugged("cpx260"),
+    "projector: lamp off and on, warming up": switched_off,
+    "projector: display process killed": killed_display,
     "camera: replies dropped, garbled, junk": ordered(
         "ms3100", {"fault": "drop", "count": 2}, {"fault": "garble", "count": 1}, {"fault": "junk", "count": 1}
     ),
