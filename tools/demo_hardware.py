@@ -84,7 +84,13 @@ def compare(report: dict[str, Any], emulated: Any, pure: Any, folder: Path) -> N
     a, b = emulated.phase_map, pure.phase_map
     assert isinstance(a, PhaseMap) and isinstance(b, PhaseMap)
     both = (a.rejected == 0) & (b.rejected == 0)
-    told(report, "pixels that one keeps and the other does not", float(((a.rejected == 0) != (b.rejected == 0)).mean()), "", 0.01)
+    told(
+        report,
+        "pixels that one keeps and the other does not",
+        float(((a.rejected == 0) != (b.rejected == 0)).mean()),
+        "",
+        0.01,
+    )
     off = np.where(both, a.phase_rad.astype(np.float64) - b.phase_rad, np.nan)
     expected = np.sqrt(a.sigma_rad[both].astype(np.float64) ** 2 + b.sigma_rad[both].astype(np.float64) ** 2)
     scaled = off[both] / expected
