@@ -5,7 +5,6 @@ One server per head. `Xvfb(folder)` starts it, `picture()` is `(height, width, 3
 
 from __future__ import annotations
 
-import mmap
 import os
 import select
 import shutil
@@ -16,10 +15,10 @@ from typing import Any, Self
 
 import numpy as np
 
+from fringed.emulators.framebuffer import FrameBuffer
+
 MISSING = "Xvfb is not installed (Debian: apt install xvfb); nothing shows what is scanned out without it"
 _START_S = 60.0
-_HEADER = 100  # bytes of an XWDFileHeader; a name follows
-_NUMBERS = 25
 
 
 def available() -> bool:
@@ -45,22 +44,12 @@ class Xvfb:
         try:
             self.display = f":{_number(read, folder)}"
             if depth == 24:
-                self._open(folder / "Xvfb_screen0")
+                self._buffer = FrameBuffer(folder / "Xvfb_screen0")
         except BaseException:
             self._end()
             raise
         finally:
             os.close(read)
-
-    def _open(self, path: Path) -> None:
-        with path.open("rb") as file:
-            self._memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        header = np.frombuffer(self._memory[:_HEADER], ">u4", _NUMBERS).astype(int)
-        width, height, bits, line_bytes, colours = (header[k] for k in (4, 5, 11, 12, 19))
-        big_endian, masks = header[7], tuple(int(mask) for mask in header[14:17])
-        if (width, height, bits, masks) != (*self.size_px, 32, (0xFF0000, 0xFF00, 0xFF)) or big_endian:
-            raise RuntimeError(f"Xvfb's frame buffer is {width} x {height} of {bits} bits, masks {masks}")
-        self._start, self._line_bytes = int(header[0]) + 12 * int(colours), int(line_bytes)
 
     @property
     def pid(self) -> int:
@@ -69,9 +58,7 @@ class Xvfb:
 
     def picture(self) -> np.ndarray[Any, np.dtype[np.uint8]]:
         """Return a copy of what is scanned out now."""
-        width, height = self.size_px
-        raw = np.frombuffer(self._memory, np.uint8, height * self._line_bytes, self._start)
-        return raw.reshape(height, self._line_bytes)[:, : 4 * width].reshape(height, width, 4)[..., 2::-1].copy()
+        return self._buffer.picture()
 
     def unplug(self) -> None:
         """End the server at once, as a cable that is pulled or a session that crashes."""
@@ -80,8 +67,8 @@ class Xvfb:
 
     def close(self) -> None:
         """End the server; harmless when ended."""
-        if hasattr(self, "_memory") and not self._memory.closed:
-            self._memory.close()
+        if hasattr(self, "_buffer"):
+            self._buffer.close()
         self._end()
 
     def _end(self) -> None:
