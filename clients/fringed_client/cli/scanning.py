@@ -156,4 +156,7 @@ def latency_command(options: Options) -> None:
     if options.json:
         output.emit(state)
     else:
-        output.facts({"latency": f"{state.timings_s.get('latency', float('nan')) * 1000:.1f} ms"})
+        latency, uncertainty, settle = (
+            state.timings_s.get(name, float("nan")) * 1000 for name in ("latency", "uncertainty", "settle")
+        )
+        output.facts({"latency": f"{latency:.1f} ms, within {uncertainty:.1f} ms; settled {settle:.1f} ms later"})

@@ -15,7 +15,8 @@ import msgspec
 from fringed.config import StationConfig, examined, merged, read_toml, validate
 from fringed.config.defaults import PIPELINES
 from fringed.config.schema import DeviceConfig
-from fringed.devices.building import BUILT_IN, built_in
+from fringed.devices.building import BUILT_IN, DriverContext, built_in
+from fringed.devices.camera.base import MachineClock
 from fringed.errors import EXIT_OK, EXIT_USAGE, ConfigurationError, FringedError, Problem
 from fringed.loading import Catalogue, load_plugins
 from fringed.messages import PluginInfo
@@ -107,9 +108,13 @@ def _device_problems(kind: str, device: DeviceConfig, catalogue: Catalogue) -> l
         there = ", ".join(["none", "sim", "replay", *BUILT_IN[kind], *sorted(provided)])
         return [Problem(f"{kind}.driver", repr(device.driver), f"one of {there}")]
     try:
-        validate(device.options, driver.Options, f"{kind}.options")
+        options = validate(device.options, driver.Options, f"{kind}.options")
+        if ours is not None:  # built as the daemon builds it, and not opened
+            ours.create(options, DriverContext("check", MachineClock()))
     except ConfigurationError as error:
         return list(error.problems)
+    except FringedError as error:
+        return [Problem(f"{kind}.options", repr(dict(device.options))[:80], error.message)]
     return []
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import threading
@@ -262,6 +263,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="an emulated laboratory: only its photons are simulated")
     parser.add_argument("--folder", type=Path, default=Path("lab"), help="ports, logs and station.toml come here")
     folder = parser.parse_args().folder
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))  # so that the emulators end too
     with Lab(folder) as lab:
         for name, value in lab.environment.items():
             sys.stdout.write(f"export {name}={value}\n")

@@ -34,6 +34,12 @@ class Pool:
         return {**self.given, **self.made}
 
 
+HINTS = {
+    "Calibration": "; none is in force: make one with `fringe calibrate --use`, or put one in force with "
+    "`fringe calibration use`"
+}
+
+
 def resolve(
     wanted: Mapping[str, Any], optional: Iterable[str], sources: Mapping[str, str], pool: Pool, stage: str
 ) -> dict[str, Any]:
@@ -120,7 +126,8 @@ def _sequence(name: str, kind: Any, pool: Pool, stage: str) -> tuple[Any, ...]:
 
 def _missing(name: str, kind: Any, pool: Pool, stage: str) -> DataError:
     there = ", ".join(f"{key} ({_describe(value)})" for key, value in pool.all().items()) or "nothing"
-    return DataError(f"stage {stage!r} needs {type_name(kind)} for its input {name!r}; there is: {there}")
+    hint = HINTS.get(type_name(kind), "")
+    return DataError(f"stage {stage!r} needs {type_name(kind)} for its input {name!r}; there is: {there}{hint}")
 
 
 def _fits(value: Any, kind: Any) -> bool:

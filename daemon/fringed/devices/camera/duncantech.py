@@ -46,9 +46,14 @@ class DuncanTechCamera:
 
     def __init__(self, control: DuncanTechControl, images: Camera, options: DuncanTechOptions) -> None:
         self.control, self._images, self._options = control, images, options
-        self.simulated, self.replayed, self.clock = images.simulated, images.replayed, images.clock
+        self.replayed, self.clock = images.replayed, images.clock
         self._settings: CameraSettings | None = None
         self._unsettled, self._others_exposure_us = 0, 0.0
+
+    @property
+    def simulated(self) -> bool:
+        """Whether its frames are simulated."""
+        return self._images.simulated
 
     @property
     def size_px(self) -> tuple[int, int]:

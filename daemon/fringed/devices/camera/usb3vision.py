@@ -25,6 +25,7 @@ from fringed.protocols.u3v_pixels import BY_NAME, PixelFormat, decode_image, for
 
 log = logging.getLogger(__name__)
 
+EMULATORS = "fringed.emulators."
 _BEGUN_S = 0.1
 _PLANES = {"red": 0, "green": 1, "blue": 2}
 
@@ -35,13 +36,14 @@ class Usb3VisionCamera:
     A hardware trigger comes by the camera's line: `trigger` then does nothing, and `read` waits for its frame.
     """
 
-    simulated = False
     replayed = False
 
     def __init__(
         self, options: Usb3VisionOptions | None = None, clock: Clock | None = None, backend: Any = None
     ) -> None:
         self._options = options or Usb3VisionOptions()
+        # An emulator's photons are simulated, however real its bytes are.
+        self.simulated = self._options.backend.startswith(EMULATORS)
         self.clock: Clock = clock or MachineClock()
         self._backend = backend
         self._link: Usb3VisionLink | None = None

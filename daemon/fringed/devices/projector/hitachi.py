@@ -136,7 +136,9 @@ class HitachiProjector:
 
     def settings(self) -> Sequence[Setting]:
         """Ask for lamp, input, blank, freeze, errors, hours and the picture; raises DeviceError."""
-        return settings_of(self._control)
+        found = settings_of(self._control)
+        self._checked_s = None  # what was read counts: the next set asks for the picture again
+        return found
 
     def adjust(self, name: str, value: bool | float | str) -> None:
         """Set one of them; raises DeviceError, or UsageError where it cannot be now."""
