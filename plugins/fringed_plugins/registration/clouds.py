@@ -58,6 +58,7 @@ class CloudSurface:
     _made: dict[tuple[int, int], tuple[FloatArray, CloudFeatures]] = field(
         default_factory=dict, compare=False, repr=False
     )
+    _levels: dict[int, Level] = field(default_factory=dict, compare=False, repr=False)
 
     def level(self, most_points: int) -> Level:
         """Return at most about `most_points`, evenly spaced, with normals and boundaries; computed once.
@@ -67,6 +68,11 @@ class CloudSurface:
         ValueError
             too few of them lie inside a surface.
         """
+        if most_points not in self._levels:
+            self._levels[most_points] = self._level(most_points)
+        return self._levels[most_points]
+
+    def _level(self, most_points: int) -> Level:
         points, found = self.features(most_points)
         interior = found.valid & ~found.boundary
         if int(interior.sum()) < MIN_INTERIOR:
@@ -90,7 +96,7 @@ class CloudSurface:
     def flipped(self) -> CloudSurface:
         """Return the cloud with its other side outside."""
         at, normals = self.outside
-        return replace(self, outside=(at, -normals), _made={})
+        return replace(self, outside=(at, -normals), _made={}, _levels={})
 
     def features(self, most_points: int, neighbours: int = NEIGHBOURS) -> tuple[FloatArray, CloudFeatures]:
         """Return at most about `most_points` and what their neighbourhoods say; computed once."""
@@ -180,7 +186,9 @@ def without_grid(surface: Surface, threads: int = 1) -> CloudSurface:
     cloud = prepare_cloud(points, viewpoint=np.zeros(3), name=surface.name, threads=threads)
     off = cloud.origin - surface.origin
     at, normals = cloud.outside
-    return replace(cloud, points=cloud.points + off, origin=surface.origin, outside=(at + off, normals), _made={})
+    return replace(
+        cloud, points=cloud.points + off, origin=surface.origin, outside=(at + off, normals), _made={}, _levels={}
+    )
 
 
 def _given(points: FloatArray, normals: FloatArray | None) -> tuple[FloatArray, FloatArray] | None:
