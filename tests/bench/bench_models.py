@@ -30,7 +30,7 @@ from fringed_plugins.registration.views.closing import close_loops
 SURFACE_MM, RATE = 0.1, 0.95
 TRUE_POINTS = 1_500_000
 FAR_MM = 1.0
-BEST = {"threads": 2}
+THREADS = 2
 
 
 class Made(NamedTuple):
@@ -58,7 +58,7 @@ def model(views: list[HeadView]) -> Made:
     surfaces = [
         prepare(view.xyz_mm, view.rejected, view.sigma_mm, f"head {view.variant} at {view.angle_deg}") for view in views
     ]
-    options = Options(**BEST)
+    options = Options(threads=THREADS)
     linked = chain(surfaces, options, require=False)
     known = {(link.partner, link.view): link.alignment for link in linked.links}
     poses, before, after = linked.T_model_view, 0.0, 0.0
@@ -67,7 +67,10 @@ def model(views: list[HeadView]) -> Made:
         poses, before, after = closed.T_model_view, closed.before[1], closed.after[1]
     placed = sorted(poses)
     mesh = integrate(
-        [surfaces[i] for i in placed], [views[i].intensity for i in placed], [poses[i] for i in placed], **BEST
+        [surfaces[i] for i in placed],
+        [views[i].intensity for i in placed],
+        [poses[i] for i in placed],
+        threads=THREADS,
     )
     seconds = time.perf_counter() - started
     off = distances(mesh, views[0])

@@ -62,8 +62,9 @@ def _watch(device: str, names: tuple[str, ...], every: float, count: int | None,
                 time.sleep(every)
             asked += 1
             for setting in _chosen(station.device_settings(device), names):
-                if known.get(setting["name"], _show) != setting["value"]:
-                    known[setting["name"]] = setting["value"]
+                name = setting["name"]
+                if name not in known or known[name] != setting["value"]:
+                    known[name] = setting["value"]
                     _tell(setting, options)
 
 

@@ -197,10 +197,7 @@ def curvature_noise(patches: FloatArray, noise: float, window_px: int) -> FloatA
     Of noise along the normal a second derivative keeps 4 times the variance of its coefficient; a pixel is
     sqrt(E), sqrt(G) long. Of both curvatures that along the longer side is the more certain one: the mean serves.
     """
-    S = np.arange(window_px, dtype=np.float64) - window_px // 2
-    n, S2, S4 = float(window_px), float(S @ S), float((S**4).sum())
-    N = np.array([[n * n, n * S2, n * S2], [n * S2, n * S4, S2 * S2], [n * S2, S2 * S2, n * S4]])
-    gain = 2.0 * np.sqrt(np.linalg.inv(N)[1, 1])
+    gain = 2.0 * np.sqrt(quadratic(window_px)[0][4])  # the variance of the coefficient of u^2
     a, b = patches[:, 3:6], patches[:, 6:9]
     area = np.sqrt(np.maximum((a * a).sum(1) * (b * b).sum(1), 1e-300))
     one = np.maximum(gain * noise / area, 1e-300)

@@ -1,9 +1,9 @@
 """Motions between two views that nobody has told anything about: one module for each method.
 
-    pairs        votes of pairs of oriented points, whatever the turn: the fast one, and the first to try
+    pairs        votes of pairs of oriented points, whatever the turn
     features     local feature histograms (FPFH) and correspondences that agree
     spin         spin images and geometric consistency
-    signatures   point signatures: heights around a circle
+    signatures   point signatures: heights around a circle; the fastest
     darces       RANSAC-DARCES: random triangles, found again exhaustively
     genes        a genetic algorithm
     axes         principal axes with their four signs
@@ -13,7 +13,8 @@
 
 Each is `method(reference, model, options, rng, threads, report=...) -> list[Guess]`, best first, empty where nothing
 agrees. `reference` and `model` are levels; `options` is the method's own dataclass or None. `report` hears (fraction,
-text) and may raise to stop the work. Whether a guess is right is for a tournament and a verification to say. Knows
+text) and may raise to stop the work. Which are tried, and in what order, is in `starting`; whether a guess is
+right is for a tournament and a verification to say. Knows
 nothing of files, devices or fine registration.
 """
 
