@@ -81,11 +81,6 @@ def report_to(context: Context) -> Report:
     return lambda fraction, text: context.progress(min(max(fraction, 0.0), 1.0), text)
 
 
-def between(report: Report, low: float, high: float) -> Report:
-    """Return what reports a part of the work as that part of the whole."""
-    return lambda fraction, text: report(low + (high - low) * fraction, text)
-
-
 def product_of(alignment: Alignment, reference: str, model: str) -> Registration:
     """Return a result as a product; `reference` and `model` are ids."""
     return Registration(

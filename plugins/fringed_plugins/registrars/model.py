@@ -16,7 +16,6 @@ from fringed_plugins.registrars.common import (
     MM,
     PairParams,
     alignment_of,
-    between,
     product_of,
     report_to,
     surface_of,
@@ -24,7 +23,7 @@ from fringed_plugins.registrars.common import (
 from fringed_plugins.registration.chaining import Chain, ChainBrokenError, chain
 from fringed_plugins.registration.merging import merge
 from fringed_plugins.registration.meshing.integrate import integrate
-from fringed_plugins.registration.result import Alignment, Report
+from fringed_plugins.registration.result import Alignment, Report, between
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.views.closing import Closed, close_loops
 

@@ -49,3 +49,8 @@ class Alignment:
     overlap: float
     covariance: FloatArray | None
     history: tuple[Iteration, ...]
+
+
+def between(report: Report, low: float, high: float) -> Report:
+    """Return what reports a part of the work as the part from `low` to `high` (0 to 1) of the whole."""
+    return lambda fraction, text: report(low + (high - low) * fraction, text)

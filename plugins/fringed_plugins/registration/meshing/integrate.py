@@ -28,7 +28,7 @@ from fringed_plugins.registration.meshing.volume import (
     truncation_of,
     voxel_of,
 )
-from fringed_plugins.registration.result import Report, silent
+from fringed_plugins.registration.result import Report, between, silent
 from fringed_plugins.registration.surface import Surface
 from fringed_plugins.registration.transforms import FloatArray, checked
 
@@ -82,18 +82,18 @@ def integrate(
     Curless & Levoy 1996; Lorensen & Cline 1987; Davis, Marschner, Garr & Levoy 2002.
     """
     poses = _required(surfaces, intensities, T_model_view)
-    views = _seen(surfaces, poses, window_px, _between(report, 0.0, 0.1))
+    views = _seen(surfaces, poses, window_px, between(report, 0.0, 0.1))
     size = voxel_of(views, voxel)
     truncation = truncation_of(views, size)
     origin = np.mean([seen.T_model_centred[:3, 3] for seen in views], axis=0)
-    keys = surround(views, origin, size, truncation, _between(report, 0.1, 0.2))
-    volume = fused(views, keys, (origin, size, truncation), _between(report, 0.2, 0.5), threads)
+    keys = surround(views, origin, size, truncation, between(report, 0.1, 0.2))
+    volume = fused(views, keys, (origin, size, truncation), between(report, 0.2, 0.5), threads)
     if watertight:
-        field = membrane(views, origin, size, _between(report, 0.5, 0.6), threads)
-        volume = closed(volume, field, _between(report, 0.6, 0.7))
-    vertices, faces, parts = triangles_of(volume, _between(report, 0.7, 0.8))
+        field = membrane(views, origin, size, between(report, 0.5, 0.6), threads)
+        volume = closed(volume, field, between(report, 0.6, 0.7))
+    vertices, faces, parts = triangles_of(volume, between(report, 0.7, 0.8))
     reach = max(0.5 * size, NOISES * max(seen.patches.surface.noise_mm for seen in views))
-    mesh = coloured((vertices, faces), views, intensities, reach, _between(report, 0.8, 1.0))
+    mesh = coloured((vertices, faces), views, intensities, reach, between(report, 0.8, 1.0))
     mesh = _without_specks(mesh, parts, watertight)
     report(1.0, f"{len(mesh.vertices):,} vertices, {len(mesh.faces):,} triangles")
     return mesh
@@ -152,10 +152,6 @@ def _required(
                 f"image, (height, width) of at least {(top + h, left + w)}"
             )
     return [checked(T, f"T_model_view of the {surface.name}") for surface, T in zip(surfaces, poses, strict=True)]
-
-
-def _between(report: Report, low: float, high: float) -> Report:
-    return lambda fraction, text: report(low + (high - low) * fraction, text)
 
 
 def _without_specks(mesh: TriangleMesh, part: Array, watertight: bool) -> TriangleMesh:
